@@ -1,0 +1,1 @@
+"""JuncNet: road junction disambiguation for autonomous vehicles."""

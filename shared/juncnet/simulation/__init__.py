@@ -1,0 +1,1 @@
+"""The simulated world, its camera and its vehicles: pure, no clock, no process, no bus."""
