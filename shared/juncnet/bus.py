@@ -1,7 +1,7 @@
 """The bus that services are written against, and its Zenoh implementation.
 
-A service sees only `Bus`: it takes messages from inboxes, calls its core and publishes. Bad payloads
-never reach it: they are counted as errors, reported in the health and dropped.
+A service sees only `Bus`: it takes messages from inboxes, calls its core and publishes. Bad
+payloads never reach it: they are counted as errors, reported in the health and dropped.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ class Inbox(Protocol[M_co]):
     """What arrived on a subscription. Full inboxes drop their oldest message and count it."""
 
     def take(self, timeout_s: float = 0.0) -> M_co | None:
-        """Remove and return the oldest waiting message, or None after `timeout_s` or at shutdown."""
+        """Remove and return the oldest waiting message; None after `timeout_s` or at shutdown."""
         ...
 
     def drain(self) -> list[tuple[str, M_co]]:
@@ -91,7 +91,7 @@ class Bus(Protocol):
 
     @property
     def state_dir(self) -> Path:
-        """Where what outlives a flight lives (the stop latch), for this robot; private to the user."""
+        """Where what outlives a flight lives (the stop latch), by robot; private to the user."""
         ...
 
     def stamp(self) -> Stamp:
@@ -107,7 +107,7 @@ class Bus(Protocol):
         ...
 
     def subscribe(self, topic: Topic[M], capacity: int = 1, robot: str | None = None) -> Inbox[M]:
-        """Subscribe; `capacity` 1 keeps the newest only. `robot` may be `*`: capacity is per robot."""
+        """Subscribe; `capacity` 1 keeps the newest. `robot` may be `*`: capacity is per robot."""
         ...
 
     def serve(self, request: Request[M], handler: Callable[[M], Reply]) -> None:
@@ -115,7 +115,7 @@ class Bus(Protocol):
         ...
 
     def request(self, request: Request[M], message: M, timeout_s: float = 5.0) -> Reply:
-        """Send a request and return the answer, or `Reply(accepted=False)` that says why none came."""
+        """Send a request and return the answer, or a refusal that says why none came."""
         ...
 
     def frames_out(self, topic: FrameTopic) -> FrameWriter:

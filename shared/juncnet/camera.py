@@ -1,8 +1,8 @@
 """Geometry of a forward camera over flat ground, and what counts as a junction in its picture.
 
 This is the one place for the definition of *junction*: simulation, training, navigation and the
-model cards all ask `JunctionBand`. A frame is *junction* when the mouth of the nearest junction (the
-nearest point of the robot's road where the junction's surface begins) lies between `d_near` and
+model cards all ask `JunctionBand`. A frame is *junction* when the mouth of the nearest junction
+(the nearest point of the robot's road where the junction's surface begins) lies between `d_near` and
 `d_far` ahead and enough of it is visible. The two distances scale with the height of the camera,
 because a picture from twice the height of a world twice the size is the same picture: only
 distances in units of the height can be seen.
@@ -13,7 +13,7 @@ import math
 from pydantic import BaseModel, ConfigDict, Field
 
 NEAR_ROW = 0.88
-"""Row of the picture (0 top, 1 bottom) at which a mouth is as near as it can be and still be seen."""
+"""Row of the picture (0 top, 1 bottom) at which a mouth is as near as can still be seen."""
 FAR_HEIGHTS = 5.0
 """Farthest mouth that counts, in camera heights: a depression of 11.3 degrees."""
 TRANSITION = 0.20
@@ -48,7 +48,7 @@ class CameraGeometry(BaseModel):
         return (c - down * s, -right, -s - down * c)
 
     def ground(self, column: float, row: float) -> tuple[float, float] | None:
-        """Return the ground point (x forward, y left, metres) seen at a picture point; None: sky."""
+        """Return the ground point (x forward, y left, metres) at a picture point; None: sky."""
         x, y, z = self.ray(column, row)
         if z >= -1e-9:
             return None
@@ -56,7 +56,7 @@ class CameraGeometry(BaseModel):
         return (x * scale, y * scale)
 
     def project(self, x_m: float, y_m: float) -> tuple[float, float] | None:
-        """Return (column, row), fractions, of a ground point; None when it lies behind the camera."""
+        """Return (column, row), fractions, of a ground point; None: it lies behind the camera."""
         s, c = math.sin(self.pitch_rad), math.cos(self.pitch_rad)
         depth = x_m * c + self.height_m * s
         if depth <= 1e-6:

@@ -44,11 +44,11 @@ class Offset:
 
 
 def age_s(then: Instant, now: Instant, offset: Offset | None = None) -> float | None:
-    """Return the largest age in seconds that `then` may have at `now`; None when it cannot be known.
+    """Return the largest age in seconds that `then` may have at `now`; None: it cannot be known.
 
     Times of one clock need no offset. Times of two clocks need the measured `offset` of the clock
     of `then` against that of `now`; without one the age is unknown. All uncertainties are added, so
-    the result errs towards old. A time in the future beyond its uncertainty has no meaningful age: None.
+    the result errs towards old. A time in the future beyond its uncertainty has no age: None.
     """
     uncertainty_ns = then.uncertainty_ns + now.uncertainty_ns
     then_ns = then.ns
@@ -77,7 +77,7 @@ class ReplayGate:
     _newest: tuple[int, int] = field(default=(-1, -1))
 
     def accept(self, epoch: int, sequence: int) -> bool:
-        """Return whether (epoch, sequence) is newer than all that passed before, and remember it."""
+        """Return whether (epoch, sequence) is newer than all that passed, and remember it."""
         if (epoch, sequence) <= self._newest:
             return False
         self._newest = (epoch, sequence)

@@ -62,7 +62,7 @@ class FrameLayout:
 class Frame:
     """A picture and the stamp of its capture.
 
-    `pixels` is a flat uint8 array of `layout.nbytes`, perhaps in memory shared with other processes:
+    `pixels` is a flat uint8 array of `layout.nbytes`, perhaps in memory shared with others:
     read-only, and valid only until the `with` block that gave the frame ends.
     """
 
@@ -89,7 +89,7 @@ class Frame:
         return self.layout.height
 
     def plane(self) -> NDArray[np.uint8]:
-        """Return the first plane, uint8: (H, W) luminance, or (H, W, 3) for BGR8. A view, no copy."""
+        """Return the first plane, uint8: (H, W) luminance, or (H, W, 3) for BGR8. A view."""
         layout = self.layout
         rows = self.pixels[: layout.stride * layout.height].reshape(layout.height, layout.stride)
         if layout.format is PixelFormat.BGR8:

@@ -213,7 +213,7 @@ class Features(BulkMessage):
         expected = 4 * int(np.prod(self.shape, dtype=np.int64))
         if len(self.payload) != expected:
             raise MessageError(
-                f"Features.payload: {len(self.payload)} bytes, float32 {self.shape} needs {expected}"
+                f"Features.payload: {len(self.payload)} bytes, {self.shape} needs {expected}"
             )
         if not np.isfinite(self.array).all():
             raise MessageError("Features.payload: contains NaN or infinity")
@@ -298,7 +298,7 @@ class RoadSeen(Message):
     """The road ahead as a follower saw it, on the ground in the robot's frame."""
 
     offset_m: float = Field(ge=-100, le=100)
-    """Of the road's centre line beside the robot: left positive (so 0.5: the robot is 0.5 m right)."""
+    """Of the road's centre line beside the robot: left positive (0.5: the robot is 0.5 m right)."""
     heading_rad: float = Field(ge=-3.2, le=3.2)
     """Of the road's centre line near the robot against the robot's own: left positive."""
     width_m: float = Field(gt=0, le=200)
@@ -309,7 +309,7 @@ class RoadSeen(Message):
 
 
 class RoadCommand(Message):
-    """A follower's velocity proposal for the frame of `header`; `velocity` None: it sees no road."""
+    """A follower's proposal for the frame of `header`; `velocity` None: it sees no road."""
 
     header: Stamp
     source: Name
@@ -414,7 +414,7 @@ class EventKind(StrEnum):
 
 
 class JunctionEvent(Message):
-    """Something happened at a junction. (`flight`, `index`) is unique: subscribers tell repeats by it."""
+    """What happened at a junction; subscribers tell repeats by the unique (`flight`, `index`)."""
 
     header: Stamp
     flight: Name
@@ -467,7 +467,7 @@ class SetMission(Message):
     mission: Mission
 
 
-# --- vehicle and processes --------------------------------------------------------------------------
+# --- vehicle and processes ----------------------------------------------------------------------
 
 
 class Capabilities(Message):
@@ -552,10 +552,10 @@ class Health(Message):
     latency_p99_ms: float | None = Field(None, ge=0)
     last_error: str = ""
     counters: dict[str, float] = Field(default_factory=dict)
-    """What only this service counts: `lost`, `corrupt`, `frozen`, `reconnects`, `real_time_factor` ..."""
+    """What only this service counts: `lost`, `corrupt`, `frozen`, `reconnects` ..."""
 
 
-# --- simulation -------------------------------------------------------------------------------------
+# --- simulation ---------------------------------------------------------------------------------
 
 
 class SimulatorTruth(Message):

@@ -31,7 +31,7 @@ class Qos(StrEnum):
 
 @dataclass(frozen=True)
 class Topic(Generic[M]):
-    """One topic: `key` below the robot, what travels, how, from whom, how often (0: when it happens)."""
+    """One topic: `key` below the robot, what travels, how, from whom, how often (0: at events)."""
 
     key: str
     message: type[M]
@@ -46,7 +46,7 @@ class Topic(Generic[M]):
 
 @dataclass(frozen=True)
 class Request(Generic[M]):
-    """A request that is answered with a `juncnet.messages.Reply` by the one service that serves it."""
+    """A request, answered with a `juncnet.messages.Reply` by the one service that serves it."""
 
     key: str
     message: type[M]
@@ -59,7 +59,7 @@ class Request(Generic[M]):
 
 @dataclass(frozen=True)
 class FrameTopic:
-    """A topic of raw pictures for consumers on this host (`juncnet.frames`); never over a network."""
+    """Raw pictures for consumers on this host (`juncnet.frames`); never over a network."""
 
     key: str
     publisher: str
@@ -71,23 +71,23 @@ class FrameTopic:
 
 
 # fmt: off
-CAMERA_FRAME        = FrameTopic("camera/frame", "frame_capture", 25)
-CAMERA_IMAGE        = Topic("camera/image", m.JpegImage, "frame_capture", 25, Qos.BULK)
-CAMERA_VIDEO        = Topic("camera/video", m.VideoPacket, "frame_capture", 25, Qos.BULK)
-RADON_FEATURES      = Topic("radon/features", m.Features, "radon_preprocessing", 25, Qos.FLIGHT)
-JUNCTION_SCORE      = Topic("junction/score", m.JunctionScore, "junction_inference", 25, Qos.FLIGHT)
-MODEL_ACTIVE        = Topic("model/active", m.ActiveModel, "junction_inference", 0, Qos.KEPT)
-MODEL_LOAD          = Request("model/load", m.LoadModel, "junction_inference")
-ROAD_COMMAND        = Topic("road/command", m.RoadCommand, "road_following", 25, Qos.FLIGHT)
-JUNCTION_EVENT      = Topic("junction/event", m.JunctionEvent, "junction_navigation", 0, Qos.EVENT)
-NAVIGATION_STATE    = Topic("navigation/state", m.NavigationState, "junction_navigation", 25, Qos.KEPT)
-MISSION_SET         = Request("mission/set", m.SetMission, "junction_navigation")
-COMMAND_VELOCITY    = Topic("command/velocity", m.VelocityCommand, "junction_navigation", 25, Qos.COMMAND)
-COMMAND_OVERRIDE    = Topic("command/override", m.Override, "operator", 0, Qos.COMMAND)
-COMMAND_ACK         = Topic("command/ack", m.Ack, "command_output", 0, Qos.EVENT)
-VEHICLE_STATE       = Topic("vehicle/state", m.VehicleState, "command_output", 25, Qos.FLIGHT)
-SIMULATOR_CAMERA    = FrameTopic("simulator/camera", "simulator", 25)
-SIMULATOR_TRUTH     = Topic("simulator/truth", m.SimulatorTruth, "simulator", 25, Qos.FLIGHT)
+CAMERA_FRAME     = FrameTopic("camera/frame", "frame_capture", 25)
+CAMERA_IMAGE     = Topic("camera/image", m.JpegImage, "frame_capture", 25, Qos.BULK)
+CAMERA_VIDEO     = Topic("camera/video", m.VideoPacket, "frame_capture", 25, Qos.BULK)
+RADON_FEATURES   = Topic("radon/features", m.Features, "radon_preprocessing", 25, Qos.FLIGHT)
+JUNCTION_SCORE   = Topic("junction/score", m.JunctionScore, "junction_inference", 25, Qos.FLIGHT)
+MODEL_ACTIVE     = Topic("model/active", m.ActiveModel, "junction_inference", 0, Qos.KEPT)
+MODEL_LOAD       = Request("model/load", m.LoadModel, "junction_inference")
+ROAD_COMMAND     = Topic("road/command", m.RoadCommand, "road_following", 25, Qos.FLIGHT)
+JUNCTION_EVENT   = Topic("junction/event", m.JunctionEvent, "junction_navigation", 0, Qos.EVENT)
+NAVIGATION_STATE = Topic("navigation/state", m.NavigationState, "junction_navigation", 25, Qos.KEPT)
+MISSION_SET      = Request("mission/set", m.SetMission, "junction_navigation")
+COMMAND_VELOCITY = Topic("command/velocity", m.VelocityCommand, "junction_navigation", 25, Qos.COMMAND)  # noqa: E501
+COMMAND_OVERRIDE = Topic("command/override", m.Override, "operator", 0, Qos.COMMAND)
+COMMAND_ACK      = Topic("command/ack", m.Ack, "command_output", 0, Qos.EVENT)
+VEHICLE_STATE    = Topic("vehicle/state", m.VehicleState, "command_output", 25, Qos.FLIGHT)
+SIMULATOR_CAMERA = FrameTopic("simulator/camera", "simulator", 25)
+SIMULATOR_TRUTH  = Topic("simulator/truth", m.SimulatorTruth, "simulator", 25, Qos.FLIGHT)
 # fmt: on
 
 SERVICES = (
