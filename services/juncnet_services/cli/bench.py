@@ -1,0 +1,15 @@
+"""`juncnet bench radon|hop|pipeline`: measures beside what it is compared with, in the same run."""
+
+import importlib
+import sys
+
+BENCHMARKS = ("radon", "hop", "pipeline")
+
+
+def main(argv: list[str]) -> int:
+    """Run the benchmark named first."""
+    if not argv or argv[0] not in BENCHMARKS:
+        print(f"usage: juncnet bench {'|'.join(BENCHMARKS)} [--json] ...", file=sys.stderr)
+        return 0 if argv and argv[0] in ("-h", "--help") else 2
+    module = importlib.import_module(f"juncnet_services.cli.bench_{argv[0]}")
+    return int(module.main(argv[1:]))

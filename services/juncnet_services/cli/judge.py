@@ -1,0 +1,207 @@
+"""Was a simulated flight flown right? Pure: it is told what was seen and holds it against the truth."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from juncnet.clocks import NS_PER_S
+from juncnet.messages import (
+    EventKind,
+    JunctionEvent,
+    JunctionScore,
+    SimulatorTruth,
+    VelocityCommand,
+)
+
+MAX_OFF_ROAD_M = 0.5
+MIN_ON_ROAD = 0.99
+MAX_TIME_RATIO = 1.5
+MIN_REAL_TIME_FACTOR = 0.95
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a flight should do: the directed roads to drive, and the time that takes at best."""
+
+    path: tuple[int, ...]
+    ideal_s: float
+
+    @property
+    def turns(self) -> int:
+        """Number of junctions at which a way is to be taken (straight on included)."""
+        return len(self.path) - 1
+
+
+class Summary(BaseModel):
+    """A flight in figures; `flown_right` says whether all of them are as they must be."""
+
+    model_config = ConfigDict(frozen=True)
+
+    verdict: Literal["flown_right", "failed", "void"]
+    """`void`: the simulation itself was too slow (real-time factor under 0.95)."""
+    flown_right: bool
+    reasons: tuple[str, ...]
+    """Why not."""
+    world: str
+    vehicle: str
+    mission_finished: bool
+    junctions_true: int
+    junctions_counted: int
+    turns_planned: int
+    turns_taken: int
+    """Of those, how many led into the right road, in order."""
+    on_road: float
+    """Fraction of the time with the robot's centre on the road."""
+    off_road_max_m: float
+    centre_rms_m: float
+    """Of the distance from the centre line, junctions left out."""
+    collisions: int
+    time_s: float
+    ideal_time_s: float
+    fps: float
+    """Pictures scored a second."""
+    latency_p50_ms: float | None
+    """From a picture's capture to the command that follows from it."""
+    latency_p99_ms: float | None
+    real_time_factor: float
+    """The lowest of any second of the flight."""
+
+
+@dataclass
+class Judge:
+    """Collects what was seen in a flight; `summary` judges it."""
+
+    plan: Plan
+    world: str
+    vehicle: str
+    _truths: list[SimulatorTruth] = field(default_factory=list[SimulatorTruth])
+    _latencies_ms: list[float] = field(default_factory=list[float])
+    _scores: int = 0
+    _first_score_ns: int | None = None
+    _last_score_ns: int = 0
+    _counted: int = 0
+    _finished_ns: int | None = None
+    _moved_ns: int | None = None
+
+    def truth(self, truth: SimulatorTruth) -> None:
+        """Take a sample of the truth."""
+        if self._finished_ns is not None and truth.at.time_ns > self._finished_ns + 2 * NS_PER_S:
+            return
+        if self._moved_ns is None and abs(truth.velocity.forward_mps) > 0.2:
+            self._moved_ns = truth.at.time_ns
+        self._truths.append(truth)
+
+    def event(self, event: JunctionEvent) -> None:
+        """Take a junction event."""
+        self._counted = max(self._counted, event.count)
+        if event.kind is EventKind.MISSION_FINISHED and self._finished_ns is None:
+            self._finished_ns = event.header.time_ns
+
+    def command(self, command: VelocityCommand) -> None:
+        """Take a velocity command."""
+        self._latencies_ms.append((command.issued.time_ns - command.header.time_ns) / 1e6)
+
+    def score(self, score: JunctionScore) -> None:
+        """Take a junction score."""
+        if self._first_score_ns is None:
+            self._first_score_ns = score.header.time_ns
+        self._last_score_ns = score.header.time_ns
+        self._scores += 1
+
+    @property
+    def finished(self) -> bool:
+        """Whether the mission has been reported finished."""
+        return self._finished_ns is not None
+
+    def _turns_taken(self) -> int:
+        path = self._truths[-1].path if self._truths else ()
+        right = 0
+        for planned, driven in zip(self.plan.path[1:], path[1:], strict=False):
+            if planned != driven:
+                break
+            right += 1
+        return right
+
+    def _time_s(self) -> float:
+        if self._moved_ns is None:
+            return 0.0
+        end = self._finished_ns or self._truths[-1].at.time_ns
+        return (end - self._moved_ns) / NS_PER_S
+
+    def _fps(self) -> float:
+        if self._first_score_ns is None or self._scores < 2:
+            return 0.0
+        return (self._scores - 1) * NS_PER_S / (self._last_score_ns - self._first_score_ns)
+
+    def summary(self) -> Summary:
+        """Return the figures and the verdict."""
+        truths = self._truths
+        off = np.array([t.off_road_m for t in truths] or [0.0])
+        offsets = np.array([t.road_offset_m for t in truths if t.junction_id is None] or [0.0])
+        latency = self._latencies_ms
+        figures = {
+            "world": self.world,
+            "vehicle": self.vehicle,
+            "mission_finished": self.finished,
+            "junctions_true": truths[-1].junctions_passed if truths else 0,
+            "junctions_counted": self._counted,
+            "turns_planned": self.plan.turns,
+            "turns_taken": self._turns_taken(),
+            "on_road": float((off <= 0).mean()),
+            "off_road_max_m": float(off.max()),
+            "centre_rms_m": float(np.sqrt((offsets**2).mean())),
+            "collisions": _rising_edges([t.collided for t in truths]),
+            "time_s": self._time_s(),
+            "ideal_time_s": self.plan.ideal_s,
+            "fps": self._fps(),
+            "latency_p50_ms": float(np.percentile(latency, 50)) if latency else None,
+            "latency_p99_ms": float(np.percentile(latency, 99)) if latency else None,
+            "real_time_factor": min((t.real_time_factor for t in truths), default=0.0),
+        }
+        reasons = tuple(_reasons(figures))
+        void = figures["real_time_factor"] < MIN_REAL_TIME_FACTOR
+        verdict = "void" if void else "failed" if reasons else "flown_right"
+        return Summary.model_validate(
+            figures
+            | {"verdict": verdict, "flown_right": verdict == "flown_right"}
+            | {"reasons": reasons}
+        )
+
+
+def _rising_edges(flags: list[bool]) -> int:
+    return sum(now and not before for before, now in zip([False, *flags], flags, strict=False))
+
+
+def _reasons(f: dict[str, float | str | bool | None]) -> list[str]:
+    def number(key: str) -> float:
+        value = f[key]
+        assert isinstance(value, (int, float))
+        return value
+
+    checks = (
+        (not f["mission_finished"], "the mission was not finished"),
+        (
+            f["junctions_counted"] != f["junctions_true"],
+            f"counted {f['junctions_counted']} junctions, passed {f['junctions_true']}",
+        ),
+        (
+            f["turns_taken"] != f["turns_planned"],
+            f"{f['turns_taken']} of {f['turns_planned']} turns led into the right road",
+        ),
+        (
+            number("on_road") < MIN_ON_ROAD,
+            f"on the road {100 * number('on_road'):.1f} % of the time",
+        ),
+        (
+            number("off_road_max_m") > MAX_OFF_ROAD_M,
+            f"up to {number('off_road_max_m'):.2f} m off the road",
+        ),
+        (number("collisions") > 0, f"{f['collisions']} collisions"),
+        (
+            number("time_s") > MAX_TIME_RATIO * number("ideal_time_s"),
+            f"took {number('time_s'):.0f} s, ideal {number('ideal_time_s'):.0f} s",
+        ),
+    )
+    return [text for failed, text in checks if failed]

@@ -1,0 +1,41 @@
+"""`juncnet COMMAND ...`: dispatches to one module a command, imported only when it is called."""
+
+import importlib
+import sys
+
+COMMANDS = {
+    "demo": ("demo", "fly a mission on the simulated drone and show it"),
+    "up": ("up", "start a layout in the background"),
+    "down": ("down", "stop a layout"),
+    "status": ("status", "show rate, age and restarts of each process"),
+    "events": ("events", "print junction events as they happen"),
+    "stop": ("operator", "hold the robot until resume"),
+    "land": ("operator", "land the robot"),
+    "resume": ("operator", "let the pipeline move the robot again"),
+    "emergency": ("operator", "cut the motors (asks twice)"),
+    "follower": ("evaluate_follower", "judge a road follower on a marked video"),
+    "flights": ("flights", "fly many worlds, judge each and print the table"),
+    "bench": ("bench", "measure: radon, hop or pipeline"),
+}
+
+
+def _usage() -> str:
+    width = max(map(len, COMMANDS))
+    rows = [f"  {name:<{width}}  {text}" for name, (_, text) in COMMANDS.items()]
+    return "\n".join(["usage: juncnet COMMAND [--help] ...", "", *rows])
+
+
+def main() -> None:
+    """Run the command named on the command line."""
+    arguments = sys.argv[1:]
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print(_usage())
+        raise SystemExit(0 if arguments else 2)
+    name = arguments[0]
+    if name not in COMMANDS:
+        print(f"juncnet: there is no command {name!r}\n\n{_usage()}", file=sys.stderr)
+        raise SystemExit(2)
+    module = importlib.import_module(f"juncnet_services.cli.{COMMANDS[name][0]}")
+    # A module that serves several commands is told which one it is.
+    shared = [m for m, _ in COMMANDS.values()].count(COMMANDS[name][0]) > 1
+    raise SystemExit(module.main(arguments if shared else arguments[1:]))

@@ -1,0 +1,1 @@
+"""Features in, a probability per class out."""

@@ -1,0 +1,3 @@
+from juncnet_services.junction_inference.service import main
+
+main()
