@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from juncnet.bus import Bus
 from juncnet.frames import Frame, FrameLayout
 from juncnet.messages import Message, Reply, Stamp
 from juncnet.topics import FrameTopic, Request, Topic
@@ -117,7 +116,7 @@ class FakeReader:
 ScriptItem = tuple[Any, Any] | float | Callable[["FakeBus"], None]
 
 
-class FakeBus(Bus):
+class FakeBus:
     """A bus that delivers `script` step by step: (topic, message or Frame), seconds, or a callable.
 
     Whoever waits receives the next step; seconds advance the clock (a wait that meets them times
