@@ -1,0 +1,461 @@
+"""The navigator: which junction, where to turn, what to do now. Pure: time is an argument."""
+
+import math
+from dataclasses import dataclass
+
+from juncnet.clocks import Instant, ReplayGate, age_s, is_stale
+from juncnet.messages import (
+    EventKind,
+    JunctionEvent,
+    JunctionScore,
+    Mission,
+    NavigationState,
+    Output,
+    Phase,
+    Reply,
+    RoadCommand,
+    Stamp,
+    Turn,
+    VehicleState,
+    Velocity,
+)
+from juncnet_services.junction_navigation import turning
+from juncnet_services.junction_navigation.config import NavigatorConfig
+from juncnet_services.junction_navigation.detector import JunctionDetector, mouth_m
+from juncnet_services.junction_navigation.odometry import Odometry
+from juncnet_services.junction_navigation.progress import Progress, TurnProgress
+from juncnet_services.junction_navigation.speed import (
+    NO_MOTION,
+    blended,
+    braking_mps,
+    feasible,
+    scaled,
+)
+
+STANDING_MPS = 0.35
+AXIS_S = 0.5
+HOLD_YAW_RADPS = 0.5
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a step of the navigator came to."""
+
+    header: Stamp | None
+    """Of the newest frame that it rests on; None before the first."""
+    velocity: Velocity
+    state: NavigationState
+    events: tuple[JunctionEvent, ...] = ()
+    """To be published once `Navigator.progress` has been saved."""
+    refused: tuple[str, ...] = ()
+    """Inputs that were not obeyed, and why."""
+
+
+class Navigator:
+    """Follows a mission by junction scores and a follower's road commands.
+
+    `saved` is the progress to go on with. `blocked` is the reason why the robot must hold until a
+    mission is set: the progress of this flight was lost.
+    """
+
+    def __init__(
+        self,
+        config: NavigatorConfig,
+        mission: Mission,
+        flight: str,
+        saved: Progress | None = None,
+        blocked: str = "",
+    ) -> None:
+        self.config = config
+        self.progress = saved or Progress(flight=flight, configured=mission, mission=mission)
+        self._blocked = blocked
+        self._band = config.camera.band
+        self._odometry = Odometry(self.progress, config.deceleration_mps2, saved is not None)
+        self._detector = JunctionDetector(config.detector, self._band, self.progress)
+        self._sight = turning.RoadSight(config.turn)
+        self._score_gate, self._road_gate = ReplayGate(), ReplayGate()
+        self._score: JunctionScore | None = None
+        self._road: RoadCommand | None = None
+        self._header: Stamp | None = None
+        self._vehicle: VehicleState | None = None
+        self._vehicle_ns = self._step_ns = 0
+        self._elapsed_s = 0.0
+        self._half_width_m = config.crossing_width_m / 2
+        self._events: list[JunctionEvent] = list(self.progress.events) if saved else []
+        self._refused: list[str] = []
+        self._reason = ""
+
+    def step(
+        self,
+        now: Instant,
+        score: JunctionScore | None = None,
+        road: RoadCommand | None = None,
+        vehicle: VehicleState | None = None,
+    ) -> Decision:
+        """Take what is new (None: nothing) and return what to do at `now`."""
+        self._refused = []
+        if vehicle is not None and vehicle != self._vehicle:
+            self._vehicle, self._vehicle_ns = vehicle, now.ns
+        self._elapsed_s = 0.0
+        if self._vehicle is not None and now.ns - self._vehicle_ns < self._silence_ns:
+            self._elapsed_s = self._odometry.advance(now.ns, self._vehicle)
+        if score is not None:
+            self._take_score(now, score)
+        if road is not None:
+            self._take_road(now, road)
+        self._reason = self._why_wait(now)
+        velocity = NO_MOTION if self._reason else self._drive()
+        if self._vehicle is not None:
+            rate = self.config.turn.yaw_rate_radps
+            velocity = feasible(velocity, self._vehicle.capabilities, rate)
+        events, self._events = tuple(self._events), []
+        if events:
+            self.progress.events = events
+        return Decision(self._header, velocity, self._state(), events, tuple(self._refused))
+
+    def set_mission(self, mission: Mission) -> Reply:
+        """Begin `mission` with a count of 0, unless the robot is at a junction."""
+        phase = self.progress.phase
+        if phase not in (Phase.WAITING, Phase.FOLLOWING, Phase.FINISHED):
+            return Reply(
+                accepted=False,
+                reason=f"the robot is {phase} at junction {self.progress.count}: "
+                "hold it or wait until the junction is left, then ask again",
+            )
+        previous = self.progress.count
+        self.progress.mission, self.progress.count = mission, 0
+        self.progress.leave_m = None
+        self.progress.junction = None
+        self.progress.phase = Phase.WAITING
+        self._blocked = ""
+        return Reply(accepted=True, reason=f"the count starts at 0 (it was {previous})")
+
+    # --- inputs ---
+
+    @property
+    def _silence_ns(self) -> int:
+        return round(self.config.vehicle_silence_s * 1e9)
+
+    def _take_score(self, now: Instant, score: JunctionScore) -> None:
+        header = score.header
+        if not self._score_gate.accept(header.epoch, header.sequence):
+            self._refused.append(f"junction/score {header.epoch}/{header.sequence} is a replay")
+            return
+        self._score = score
+        self._see(header)
+        edge = self._detector.smooth(header.time_ns, score.junction)
+        time_ns = header.time_ns if header.clock == now.clock else now.ns
+        if edge is True:
+            lag_ns = round(self._detector.rise_lag_s * 1e9)
+            self._detector.risen(self._odometry.at(time_ns - lag_ns)[0], score.label)
+        elif edge is False:
+            lag_ns = round(self._detector.fall_lag_s * 1e9)
+            self._detector.fallen(self._odometry.at(time_ns - lag_ns)[0])
+        self._detector.watch(score.label)
+
+    def _take_road(self, now: Instant, road: RoadCommand) -> None:
+        header = road.header
+        if road.source != self.config.road_source:
+            wanted = self.config.road_source
+            self._refused.append(f"road/command of {road.source}: only {wanted} is obeyed")
+            return
+        if not self._road_gate.accept(header.epoch, header.sequence):
+            self._refused.append(f"road/command {header.epoch}/{header.sequence} is a replay")
+            return
+        previous_ns = self._road.header.time_ns if self._road is not None else header.time_ns
+        self._road = road
+        self._see(header)
+        time_ns = header.time_ns if header.clock == now.clock else now.ns
+        yaw = self._odometry.at(time_ns)[1]
+        if self.progress.turn is not None:
+            nominal = self.progress.turn.nominal_rad
+            self._sight.look(road, yaw, nominal, self.config.confidence)
+        elif self._steered and road.confidence >= self.config.confidence:
+            self._learn_axis(road, yaw, (header.time_ns - previous_ns) / 1e9)
+
+    def _see(self, header: Stamp) -> None:
+        newest = self._header
+        order = (header.epoch, header.sequence)
+        if newest is None or order >= (newest.epoch, newest.sequence):
+            self._header = header
+
+    @property
+    def _steered(self) -> bool:
+        """Whether the follower steers and no side arm misleads it."""
+        if self.progress.phase is Phase.APPROACHING:
+            return self._mouth_ahead_m > self.config.hold_before_m
+        return self.progress.phase is Phase.FOLLOWING
+
+    def _learn_axis(self, road: RoadCommand, yaw: float, elapsed_s: float) -> None:
+        direction = yaw + (road.road.heading_rad if road.road is not None else 0.0)
+        axis = self.progress.axis_rad
+        if axis is None or abs(direction - axis) > math.pi / 4:
+            self.progress.axis_rad = direction
+            return
+        weight = 1 - math.exp(-max(elapsed_s, 0.0) / AXIS_S)
+        self.progress.axis_rad = axis + weight * (direction - axis)
+        if road.road is not None:
+            measured = min(max(road.road.width_m, 3.0), 12.0)
+            self._half_width_m += 0.2 * weight * (measured / 2 - self._half_width_m)
+
+    # --- deciding ---
+
+    def _why_wait(self, now: Instant) -> str:
+        """Return why the robot must hold whatever it is doing; empty: nothing is missing."""
+        if self._blocked:
+            return self._blocked
+        if self._vehicle is None or now.ns - self._vehicle_ns >= self._silence_ns:
+            return "vehicle/state is silent"
+        limit_s = self.config.picture_age_s
+        for topic, newest in (("junction/score", self._score), ("road/command", self._road)):
+            if newest is None:
+                return f"no {topic} yet"
+            age = age_s(newest.header.instant, now)
+            if is_stale(age, limit_s):
+                return f"{topic} rests on a picture older than {limit_s} s"
+        if self._vehicle.output in (Output.LANDING, Output.EMERGENCY):
+            return f"the vehicle's output is {self._vehicle.output}"
+        return ""
+
+    def _drive(self) -> Velocity:
+        if self.progress.phase is Phase.WAITING:
+            self.progress.phase = Phase.FOLLOWING
+        steps = {
+            Phase.FOLLOWING: self._following,
+            Phase.APPROACHING: self._approaching,
+            Phase.CROSSING: self._crossing,
+            Phase.TURNING: self._turning,
+            Phase.ALIGNING: self._aligning,
+            Phase.FINISHED: self._finished,
+        }
+        return steps[self.progress.phase]()
+
+    def _following(self) -> Velocity:
+        state = self.progress
+        if state.leave_m is not None and state.odometer_m >= state.leave_m:
+            self._leave()
+            if state.phase is Phase.FINISHED:
+                return self._finished()
+        found = self._detector.next_junction()
+        if found is not None:
+            state.junction, state.phase = found, Phase.APPROACHING
+            state.count += 1
+            self._event(EventKind.APPROACHED)
+        limit = self.config.cruise_mps if state.leave_m is None else self.config.approach_mps
+        return self._follow(limit)
+
+    def _approaching(self) -> Velocity:
+        if self._mouth_ahead_m <= 0 or self._start_ahead_m <= 0:
+            self.progress.phase = Phase.CROSSING
+            self._event(EventKind.ENTERED)
+            return self._crossing()
+        steered = self._follow(self._speed_limit_mps)
+        held = self._hold_heading(steered.forward_mps)
+        if self._reason or self.config.hold_before_m == 0:
+            return steered
+        share = 1 - self._mouth_ahead_m / self.config.hold_before_m
+        yaw_rate = blended(steered.yaw_rate_radps, held.yaw_rate_radps, share)
+        return steered.model_copy(update={"yaw_rate_radps": yaw_rate})
+
+    def _crossing(self) -> Velocity:
+        state = self.progress
+        if not turning.is_straight(self._turn):
+            standing = self._radius_m > 0 or abs(state.speed_mps) <= STANDING_MPS
+            if self._start_ahead_m <= 0 and standing:
+                self._begin_turn()
+                return self._turning()
+            return self._hold_heading(self._speed_limit_mps)
+        past_m = -self._mouth_ahead_m - 2 * self._reach_m - self.config.exit_margin_m
+        if past_m >= 0 and self._road_visible:
+            self._leave()
+            return self._drive()
+        if past_m >= self.config.blind_m:
+            return self._wait("no road behind the junction")
+        return self._hold_heading(self.config.cruise_mps)
+
+    def _begin_turn(self) -> None:
+        state = self.progress
+        axis = state.yaw_rad if state.axis_rad is None else state.axis_rad
+        nominal = axis + turning.angle_rad(self._turn)
+        state.turn = TurnProgress(turn=self._turn, nominal_rad=nominal, radius_m=self._radius_m)
+        state.phase = Phase.TURNING
+        self._sight.reset()
+        self._event(EventKind.TURN_STARTED)
+
+    def _turning(self) -> Velocity:
+        turn = self._under_way
+        error = turn.nominal_rad - self.progress.yaw_rad
+        seen = abs(error) <= self.config.turn.search_rad and self._sight.agreed_rad is not None
+        if seen or abs(error) <= self.config.turn.tolerance_rad:
+            self.progress.phase = Phase.ALIGNING
+            turn.aligning_from_m = self.progress.odometer_m
+            return self._aligning()
+        if turn.elapsed_s > self.config.turn.timeout_s:
+            return self._wait("the turn takes too long: does the vehicle yaw?")
+        return self._yaw_towards(turn.nominal_rad, turn)
+
+    def _aligning(self) -> Velocity:
+        turn, state, config = self._under_way, self.progress, self.config.turn
+        if self._sight.aligned:
+            return self._end_turn()
+        if self._sight.agreed_rad is not None:
+            return self._yaw_towards(self._sight.agreed_rad, turn)
+        turn.aligning_s += self._elapsed_s
+        if turn.radius_m > 0:
+            begun_m = state.odometer_m if turn.aligning_from_m is None else turn.aligning_from_m
+            if state.odometer_m - begun_m > config.align_m:
+                return self._wait("no road is seen after the turn")
+            return self._yaw_towards(turn.nominal_rad, turn)
+        sign = math.copysign(1.0, turning.angle_rad(turn.turn))
+        offset = turning.sweep_rad(turn.aligning_s, sign, config)
+        if offset is None or turn.elapsed_s > config.timeout_s:
+            return self._wait("no road is seen after the turn")
+        return self._yaw_towards(turn.nominal_rad + offset, turn)
+
+    def _end_turn(self) -> Velocity:
+        state = self.progress
+        self._event(EventKind.TURN_FINISHED)
+        state.axis_rad = self._sight.agreed_rad
+        state.leave_m = state.odometer_m + self._reach_m + self.config.exit_margin_m
+        state.turn, state.phase = None, Phase.FOLLOWING
+        return self._following()
+
+    def _leave(self) -> None:
+        """The junction is behind: the mission goes on or is finished."""
+        state = self.progress
+        turned = state.leave_m is not None
+        self._event(EventKind.LEFT)
+        state.left_m, state.leave_m, state.junction = state.odometer_m, None, None
+        state.phase = Phase.FOLLOWING
+        if turned:
+            self._detector.forget()
+        if state.mission.finish_after is not None and state.count >= state.mission.finish_after:
+            state.phase = Phase.FINISHED
+            self._event(EventKind.MISSION_FINISHED)
+
+    def _finished(self) -> Velocity:
+        return self._wait("the mission is finished")
+
+    # --- where and how fast ---
+
+    @property
+    def _under_way(self) -> TurnProgress:
+        turn = self.progress.turn
+        if turn is None:
+            raise RuntimeError("a turn's phase without a turn")
+        return turn
+
+    @property
+    def _turn(self) -> Turn:
+        return self.progress.mission.turn_at(max(self.progress.count, 1))
+
+    @property
+    def _radius_m(self) -> float:
+        if self._vehicle is None:
+            return 0.0
+        return turning.arc_radius_m(self.config.turn, self._vehicle.capabilities)
+
+    @property
+    def _reach_m(self) -> float:
+        """Distance between a junction's mouth and its centre."""
+        return self._half_width_m + self.config.corner_m
+
+    @property
+    def _mouth_ahead_m(self) -> float:
+        state = self.progress
+        if state.junction is None:
+            return math.inf
+        return mouth_m(state.junction, self._band, state.odometer_m) - state.odometer_m
+
+    @property
+    def _start_ahead_m(self) -> float:
+        """Distance to where the planned turn begins; infinite when none is planned."""
+        if turning.is_straight(self._turn):
+            return math.inf
+        tangent_m = turning.tangent_m(self._radius_m, turning.angle_rad(self._turn))
+        return self._mouth_ahead_m + self._reach_m - tangent_m
+
+    @property
+    def _speed_limit_mps(self) -> float:
+        config, turn = self.config, self.config.turn
+        if turning.is_straight(self._turn):
+            return config.cruise_mps
+        speed, lag_s = self.progress.speed_mps, config.velocity_lag_s
+        limit = braking_mps(self._start_ahead_m, speed, config.deceleration_mps2, lag_s)
+        if self._radius_m > 0:
+            limit = max(limit, turn.speed_mps)
+        return min(limit, config.approach_mps)
+
+    @property
+    def _road_visible(self) -> bool:
+        road = self._road
+        enough = self.config.confidence
+        return road is not None and road.velocity is not None and road.confidence >= enough
+
+    def _follow(self, limit_mps: float) -> Velocity:
+        if self._road is None or self._road.velocity is None:
+            return self._wait("the follower sees no road")
+        if not self._road_visible:
+            return self._wait("the follower is not sure of the road")
+        return scaled(self._road.velocity, limit_mps)
+
+    def _hold_heading(self, speed_mps: float) -> Velocity:
+        state = self.progress
+        axis = state.yaw_rad if state.axis_rad is None else state.axis_rad
+        rate = turning.yaw_rate_radps(axis - state.yaw_rad, self.config.turn)
+        rate = min(max(rate, -HOLD_YAW_RADPS), HOLD_YAW_RADPS)
+        return Velocity(forward_mps=speed_mps, yaw_rate_radps=rate)
+
+    def _yaw_towards(self, target: float, turn: TurnProgress) -> Velocity:
+        turn.elapsed_s += self._elapsed_s
+        rate = turning.yaw_rate_radps(target - self.progress.yaw_rad, self.config.turn)
+        if turn.radius_m == 0:
+            return Velocity(yaw_rate_radps=rate)
+        speed = min(self.config.turn.speed_mps, self.config.cruise_mps)
+        limit = speed / turn.radius_m
+        return Velocity(forward_mps=speed, yaw_rate_radps=min(max(rate, -limit), limit))
+
+    def _wait(self, reason: str) -> Velocity:
+        self._reason = reason
+        return NO_MOTION
+
+    # --- outputs ---
+
+    def _event(self, kind: EventKind) -> None:
+        state, junction = self.progress, self.progress.junction
+        header = self._header
+        if header is None:
+            return
+        of_turn = kind in (EventKind.TURN_STARTED, EventKind.TURN_FINISHED)
+        self._events.append(
+            JunctionEvent(
+                header=header,
+                flight=state.flight,
+                index=state.index,
+                kind=kind,
+                count=state.count,
+                label="junction" if junction is None else junction.label,
+                probability=state.smoothed if junction is None else junction.probability,
+                turn=self._turn if of_turn else None,
+            )
+        )
+        state.index += 1
+
+    def _state(self) -> NavigationState:
+        state = self.progress
+        planned = [t for t in state.mission.turns if t.at > state.count - self._at_junction]
+        return NavigationState(
+            header=self._header,
+            flight=state.flight,
+            phase=state.phase,
+            count=state.count,
+            mission=state.mission,
+            next_turn=min(planned, key=lambda turn: turn.at, default=None),
+            smoothed=state.smoothed,
+            reason=self._reason,
+        )
+
+    @property
+    def _at_junction(self) -> int:
+        """1 while the turn at the counted junction is still to be made, else 0."""
+        return int(self.progress.junction is not None and self.progress.leave_m is None)

@@ -1,0 +1,77 @@
+"""Distance and direction: measured where there is telemetry, else from what was commanded."""
+
+import math
+from bisect import bisect_left
+from collections import deque
+
+from juncnet.messages import Output, VehicleState
+from juncnet_services.junction_navigation.progress import Progress
+
+HISTORY = 200
+MAX_STEP_S = 0.25
+OUTAGE_REACTION_S = 0.2
+
+
+def wrapped(angle_rad: float) -> float:
+    """Return the angle in -pi..pi that points the same way."""
+    return math.remainder(angle_rad, 2 * math.pi)
+
+
+class Odometry:
+    """Keeps `odometer_m`, `speed_mps`, `yaw_rad` and `position_m` of a `Progress` up to date.
+
+    Without telemetry the vehicle is taken to do what it was last told. A restart continues from the
+    saved readings: by the pose where there is one, else by the distance of a stop from the saved
+    speed, because the output holds a robot whose navigator is gone.
+    """
+
+    def __init__(self, progress: Progress, deceleration_mps2: float, resumed: bool) -> None:
+        self._progress = progress
+        self._deceleration = deceleration_mps2
+        self._resumed = resumed
+        self._newest_ns: int | None = None
+        self._past: deque[tuple[int, float, float]] = deque(maxlen=HISTORY)
+
+    def advance(self, now_ns: int, vehicle: VehicleState) -> float:
+        """Move on to `now_ns` and return the seconds in which the pipeline moved the robot."""
+        elapsed_s = 0.0
+        if self._newest_ns is None:
+            self._first(vehicle)
+        else:
+            elapsed_s = min(max(now_ns - self._newest_ns, 0) / 1e9, MAX_STEP_S)
+        self._newest_ns = now_ns
+        state = self._progress
+        moving = vehicle.commanded
+        if vehicle.capabilities.telemetry and vehicle.velocity is not None:
+            moving = vehicle.velocity
+        state.speed_mps = moving.forward_mps
+        state.odometer_m += moving.forward_mps * elapsed_s
+        if vehicle.capabilities.telemetry and vehicle.yaw_rad is not None:
+            state.yaw_rad += wrapped(vehicle.yaw_rad - state.yaw_rad)
+        else:
+            state.yaw_rad += moving.yaw_rate_radps * elapsed_s
+        if vehicle.pose is not None:
+            state.position_m = (vehicle.pose.x_m, vehicle.pose.y_m)
+        self._past.append((now_ns, state.odometer_m, state.yaw_rad))
+        return elapsed_s if vehicle.output is Output.PIPELINE else 0.0
+
+    def at(self, time_ns: int) -> tuple[float, float]:
+        """Return (odometer in metres, unwrapped yaw in radians) at a time of the last seconds."""
+        if not self._past:
+            return self._progress.odometer_m, self._progress.yaw_rad
+        place = bisect_left(self._past, time_ns, key=lambda entry: entry[0])
+        if place == 0 or place == len(self._past):
+            return self._past[min(place, len(self._past) - 1)][1:]
+        (t0, m0, y0), (t1, m1, y1) = self._past[place - 1], self._past[place]
+        part = (time_ns - t0) / max(t1 - t0, 1)
+        return m0 + part * (m1 - m0), y0 + part * (y1 - y0)
+
+    def _first(self, vehicle: VehicleState) -> None:
+        state = self._progress
+        if not self._resumed:
+            state.odometer_m, state.speed_mps = 0.0, 0.0
+        elif vehicle.pose is not None and state.position_m is not None:
+            state.odometer_m += math.dist((vehicle.pose.x_m, vehicle.pose.y_m), state.position_m)
+        else:
+            speed = abs(state.speed_mps)
+            state.odometer_m += speed * OUTAGE_REACTION_S + speed**2 / 2 / self._deceleration

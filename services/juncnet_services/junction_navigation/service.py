@@ -1,0 +1,86 @@
+"""junction_navigation: junction/score, road/command, vehicle/state -> command/velocity.
+
+Also publishes junction/event and navigation/state, and answers mission/set. A count and its phase
+are saved before their event is published; a restart in the same flight and mission resumes them.
+"""
+
+import logging
+from threading import Lock
+
+from juncnet.launch import launch
+from pydantic import Field
+
+from juncnet.bus import Bus
+from juncnet.clocks import Instant
+from juncnet.messages import Mission, Reply, SetMission, VelocityCommand
+from juncnet.topics import (
+    COMMAND_VELOCITY,
+    JUNCTION_EVENT,
+    JUNCTION_SCORE,
+    MISSION_SET,
+    NAVIGATION_STATE,
+    ROAD_COMMAND,
+    VEHICLE_STATE,
+)
+from juncnet_services.junction_navigation.config import NavigatorConfig
+from juncnet_services.junction_navigation.missions import load_mission
+from juncnet_services.junction_navigation.navigator import Decision, Navigator
+from juncnet_services.junction_navigation.pace import Pace
+from juncnet_services.junction_navigation.store import Store
+
+STEP_S = 0.05
+log = logging.getLogger(__name__)
+
+
+class Config(NavigatorConfig):
+    """The navigator's options and its mission."""
+
+    mission: str | Mission = Field("left_right")
+    """A path, the name of a file in deploy/missions, or the mission itself as a table."""
+
+
+def run(bus: Bus, config: Config) -> None:
+    """Navigate until shutdown."""
+    mission, store, lock = load_mission(config.mission), Store(bus.flight_dir), Lock()
+    found = store.resume(bus.flight, mission)
+    log.info("%s", found.note)
+    navigator = Navigator(config, mission, bus.flight, found.progress, found.blocked)
+    scores, roads = bus.subscribe(JUNCTION_SCORE), bus.subscribe(ROAD_COMMAND, capacity=4)
+    vehicles, pace = bus.subscribe(VEHICLE_STATE), Pace()
+
+    def set_mission(request: SetMission) -> Reply:
+        with lock:
+            reply = navigator.set_mission(request.mission)
+            store.save(navigator.progress)
+        log.info("mission %s: %s", request.mission.name, reply.reason)
+        return reply
+
+    bus.serve(MISSION_SET, set_mission)
+    while bus.running:
+        bus.wait(STEP_S)
+        with lock:
+            now = Instant(bus.clock.now_ns(), bus.clock.id)
+            decision = navigator.step(now, scores.take(), roads.take(), vehicles.take())
+            if pace.save_due(now.ns, decision):
+                store.save(navigator.progress)
+        publish(bus, decision, now.ns, pace)
+
+
+def publish(bus: Bus, decision: Decision, taken_ns: int, pace: Pace) -> None:
+    """Publish what a decision says; its events are saved by now."""
+    for text in decision.refused:
+        bus.health.error(text)
+    for event in decision.events:
+        bus.publish(JUNCTION_EVENT, event)
+    header = decision.header
+    if header is not None:
+        command = VelocityCommand(header=header, issued=bus.stamp(), velocity=decision.velocity)
+        bus.publish(COMMAND_VELOCITY, command)
+        bus.health.output(taken_ns, header)
+    if pace.state_due(taken_ns, decision):
+        bus.publish(NAVIGATION_STATE, decision.state)
+
+
+def main() -> None:
+    """Run the service as a process."""
+    launch(run, Config)

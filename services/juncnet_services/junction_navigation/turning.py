@@ -1,0 +1,108 @@
+"""Turns: where they begin, how fast to yaw, and whether the next road is in sight."""
+
+import math
+
+from juncnet.messages import Capabilities, RoadCommand, Turn
+from juncnet_services.junction_navigation.config import TurnConfig
+
+NOMINAL_RAD = {"left": math.pi / 2, "right": -math.pi / 2, "straight": 0.0}
+LONGEST_TANGENT_RAD = math.radians(120)
+STRAIGHT_RAD = math.radians(15)
+
+
+def angle_rad(turn: Turn) -> float:
+    """Return the angle of a turn, left positive."""
+    if turn.angle_deg is not None:
+        return math.radians(turn.angle_deg)
+    return NOMINAL_RAD[turn.turn or "straight"]
+
+
+def is_straight(turn: Turn) -> bool:
+    """Return whether a turn is none: the robot crosses on its heading."""
+    return abs(angle_rad(turn)) < STRAIGHT_RAD
+
+
+def arc_radius_m(config: TurnConfig, capabilities: Capabilities) -> float:
+    """Return the radius of the vehicle's arcs; 0: it turns in place."""
+    if capabilities.turns_in_place:
+        return 0.0
+    return max(config.radius_m, 1.1 * capabilities.minimum_radius_m)
+
+
+def tangent_m(radius_m: float, angle: float) -> float:
+    """Return how far before the corner an arc begins that ends on the next road's axis."""
+    return radius_m * math.tan(min(abs(angle), LONGEST_TANGENT_RAD) / 2)
+
+
+def yaw_rate_radps(error_rad: float, config: TurnConfig) -> float:
+    """Return the yaw rate that brings `error_rad` (target minus yaw) to zero without overshoot."""
+    rate = config.yaw_gain_per_s * error_rad
+    return min(max(rate, -config.yaw_rate_radps), config.yaw_rate_radps)
+
+
+def sweep_rad(seconds: float, sign: float, config: TurnConfig) -> float | None:
+    """Return where to look for the road `seconds` after the nominal angle, and relative to it.
+
+    First stay, then go on turning (`sign`), then back to the other side; None: searched enough.
+    """
+    path = (seconds - config.settle_s) * config.sweep_radps
+    limit = config.search_rad
+    if path <= 0:
+        return 0.0
+    if path <= limit:
+        return sign * path
+    if path <= 3 * limit:
+        return sign * (2 * limit - path)
+    return None
+
+
+class RoadSight:
+    """Whether frames in a row agree on the direction of the next road."""
+
+    def __init__(self, config: TurnConfig) -> None:
+        self._config = config
+        self._agreeing = 0
+        self._aligned = 0
+        self.direction_rad: float | None = None
+        """Unwrapped yaw of the road seen last, agreed on or not."""
+
+    def look(self, road: RoadCommand, yaw: float, nominal: float, least: float) -> None:
+        """Take a follower's view from `yaw` of a road that is sought around `nominal`.
+
+        A view of less confidence than `least`, or of a road too far from `nominal`, ends the row.
+        A follower that gives no road is taken to yaw by one radian a second per radian of error.
+        """
+        heading = self._heading(road)
+        if heading is None or road.confidence < least:
+            self.reset()
+            return
+        direction = yaw + heading
+        if abs(direction - nominal) > self._config.search_rad + self._config.sweep_step_rad:
+            self.reset()
+            return
+        previous = self.direction_rad
+        near = previous is not None and abs(direction - previous) <= self._config.sweep_step_rad * 2
+        self._agreeing = self._agreeing + 1 if near else 1
+        self._aligned = self._aligned + 1 if abs(heading) <= self._config.aligned_rad else 0
+        self.direction_rad = direction
+
+    @property
+    def agreed_rad(self) -> float | None:
+        """Direction of the next road, once enough frames agree."""
+        return self.direction_rad if self._agreeing >= self._config.frames else None
+
+    @property
+    def aligned(self) -> bool:
+        """Whether the robot looks along the next road."""
+        return self.agreed_rad is not None and self._aligned >= self._config.frames
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._agreeing = self._aligned = 0
+        self.direction_rad = None
+
+    @staticmethod
+    def _heading(road: RoadCommand) -> float | None:
+        if road.road is not None:
+            return road.road.heading_rad
+        return None if road.velocity is None else road.velocity.yaw_rate_radps
