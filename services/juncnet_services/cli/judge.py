@@ -1,4 +1,4 @@
-"""Was a simulated flight flown right? Pure: it is told what was seen and holds it against the truth."""
+"""Was a simulated flight flown right? Pure: what was seen is held against the truth."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -34,16 +34,11 @@ class Plan:
         return len(self.path) - 1
 
 
-class Summary(BaseModel):
-    """A flight in figures; `flown_right` says whether all of them are as they must be."""
+class Figures(BaseModel):
+    """A flight in figures."""
 
     model_config = ConfigDict(frozen=True)
 
-    verdict: Literal["flown_right", "failed", "void"]
-    """`void`: the simulation itself was too slow (real-time factor under 0.95)."""
-    flown_right: bool
-    reasons: tuple[str, ...]
-    """Why not."""
     world: str
     vehicle: str
     mission_finished: bool
@@ -67,6 +62,38 @@ class Summary(BaseModel):
     latency_p99_ms: float | None
     real_time_factor: float
     """The lowest of any second of the flight."""
+
+    def faults(self) -> tuple[str, ...]:
+        """Return what was not flown right; empty when all was."""
+        checks = (
+            (not self.mission_finished, "the mission was not finished"),
+            (
+                self.junctions_counted != self.junctions_true,
+                f"counted {self.junctions_counted} junctions, passed {self.junctions_true}",
+            ),
+            (
+                self.turns_taken != self.turns_planned,
+                f"{self.turns_taken} of {self.turns_planned} turns led into the right road",
+            ),
+            (self.on_road < MIN_ON_ROAD, f"on the road {100 * self.on_road:.1f} % of the time"),
+            (self.off_road_max_m > MAX_OFF_ROAD_M, f"{self.off_road_max_m:.2f} m off the road"),
+            (self.collisions > 0, f"{self.collisions} collisions"),
+            (
+                self.time_s > MAX_TIME_RATIO * self.ideal_time_s,
+                f"took {self.time_s:.0f} s, ideal {self.ideal_time_s:.0f} s",
+            ),
+        )
+        return tuple(text for failed, text in checks if failed)
+
+
+class Summary(Figures):
+    """The figures and what they amount to."""
+
+    verdict: Literal["flown_right", "failed", "void"]
+    """`void`: the simulation itself was too slow (real-time factor under 0.95)."""
+    flown_right: bool
+    reasons: tuple[str, ...]
+    """Why not."""
 
 
 @dataclass
@@ -141,67 +168,37 @@ class Judge:
         off = np.array([t.off_road_m for t in truths] or [0.0])
         offsets = np.array([t.road_offset_m for t in truths if t.junction_id is None] or [0.0])
         latency = self._latencies_ms
-        figures = {
-            "world": self.world,
-            "vehicle": self.vehicle,
-            "mission_finished": self.finished,
-            "junctions_true": truths[-1].junctions_passed if truths else 0,
-            "junctions_counted": self._counted,
-            "turns_planned": self.plan.turns,
-            "turns_taken": self._turns_taken(),
-            "on_road": float((off <= 0).mean()),
-            "off_road_max_m": float(off.max()),
-            "centre_rms_m": float(np.sqrt((offsets**2).mean())),
-            "collisions": _rising_edges([t.collided for t in truths]),
-            "time_s": self._time_s(),
-            "ideal_time_s": self.plan.ideal_s,
-            "fps": self._fps(),
-            "latency_p50_ms": float(np.percentile(latency, 50)) if latency else None,
-            "latency_p99_ms": float(np.percentile(latency, 99)) if latency else None,
-            "real_time_factor": min((t.real_time_factor for t in truths), default=0.0),
-        }
-        reasons = tuple(_reasons(figures))
-        void = figures["real_time_factor"] < MIN_REAL_TIME_FACTOR
-        verdict = "void" if void else "failed" if reasons else "flown_right"
-        return Summary.model_validate(
-            figures
-            | {"verdict": verdict, "flown_right": verdict == "flown_right"}
-            | {"reasons": reasons}
+        figures = Figures(
+            world=self.world,
+            vehicle=self.vehicle,
+            mission_finished=self.finished,
+            junctions_true=truths[-1].junctions_passed if truths else 0,
+            junctions_counted=self._counted,
+            turns_planned=self.plan.turns,
+            turns_taken=self._turns_taken(),
+            on_road=float((off <= 0).mean()),
+            off_road_max_m=float(off.max()),
+            centre_rms_m=float(np.sqrt((offsets**2).mean())),
+            collisions=_rising_edges([t.collided for t in truths]),
+            time_s=self._time_s(),
+            ideal_time_s=self.plan.ideal_s,
+            fps=self._fps(),
+            latency_p50_ms=float(np.percentile(latency, 50)) if latency else None,
+            latency_p99_ms=float(np.percentile(latency, 99)) if latency else None,
+            real_time_factor=min((t.real_time_factor for t in truths), default=0.0),
+        )
+        reasons = figures.faults()
+        verdict = "failed" if reasons else "flown_right"
+        if figures.real_time_factor < MIN_REAL_TIME_FACTOR:
+            verdict = "void"
+            reasons = (f"real-time factor {figures.real_time_factor:.2f}", *reasons)
+        return Summary(
+            **figures.model_dump(),
+            verdict=verdict,
+            flown_right=verdict == "flown_right",
+            reasons=reasons,
         )
 
 
 def _rising_edges(flags: list[bool]) -> int:
     return sum(now and not before for before, now in zip([False, *flags], flags, strict=False))
-
-
-def _reasons(f: dict[str, float | str | bool | None]) -> list[str]:
-    def number(key: str) -> float:
-        value = f[key]
-        assert isinstance(value, (int, float))
-        return value
-
-    checks = (
-        (not f["mission_finished"], "the mission was not finished"),
-        (
-            f["junctions_counted"] != f["junctions_true"],
-            f"counted {f['junctions_counted']} junctions, passed {f['junctions_true']}",
-        ),
-        (
-            f["turns_taken"] != f["turns_planned"],
-            f"{f['turns_taken']} of {f['turns_planned']} turns led into the right road",
-        ),
-        (
-            number("on_road") < MIN_ON_ROAD,
-            f"on the road {100 * number('on_road'):.1f} % of the time",
-        ),
-        (
-            number("off_road_max_m") > MAX_OFF_ROAD_M,
-            f"up to {number('off_road_max_m'):.2f} m off the road",
-        ),
-        (number("collisions") > 0, f"{f['collisions']} collisions"),
-        (
-            number("time_s") > MAX_TIME_RATIO * number("ideal_time_s"),
-            f"took {number('time_s'):.0f} s, ideal {number('ideal_time_s'):.0f} s",
-        ),
-    )
-    return [text for failed, text in checks if failed]

@@ -1,0 +1,177 @@
+"""Starts, watches and stops the processes of a flight with supervisord."""
+
+import contextlib
+import subprocess
+import sys
+import time
+import xmlrpc.client
+from dataclasses import dataclass
+from pathlib import Path
+
+from supervisor.xmlrpc import SupervisorTransport  # pyright: ignore[reportMissingTypeStubs]
+
+CONF = "supervisord.conf"
+SOCKET = "supervisor.sock"
+START_TIMEOUT_S = 20.0
+STOP_WAIT_S = 3
+
+_HEAD = """\
+[supervisord]
+nodaemon={nodaemon}
+directory={directory}
+logfile={directory}/supervisord.log
+logfile_maxbytes=2MB
+pidfile={directory}/supervisord.pid
+childlogdir={directory}
+identifier=juncnet
+
+[unix_http_server]
+file={directory}/{socket}
+chmod=0700
+
+[rpcinterface:supervisor]
+supervisor.rpcinterface_factory=supervisor.rpcinterface:make_main_rpcinterface
+
+[supervisorctl]
+serverurl=unix://{directory}/{socket}
+"""
+
+# A process that ends with 0 has done its work; any other end is a fault and starts it anew, with
+# supervisor's growing delay between attempts that do not live for a second.
+_PROGRAM = """
+[program:{name}]
+command={python} -m juncnet_services.{name} {arguments}
+autorestart=unexpected
+exitcodes=0
+startsecs=1
+startretries=1000
+stopsignal=TERM
+stopwaitsecs={stop_wait_s}
+stdout_logfile={directory}/{name}.log
+stdout_logfile_maxbytes=2MB
+stdout_logfile_backups=1
+redirect_stderr=true
+"""
+
+
+@dataclass(frozen=True)
+class ProcessStatus:
+    """What the supervisor says of one process."""
+
+    name: str
+    state: str
+    pid: int
+    uptime_s: float
+
+
+def configuration(
+    directory: Path, processes: tuple[str, ...], arguments: list[str], *, foreground: bool
+) -> str:
+    """Return supervisord's configuration for these processes, all started with `arguments`.
+
+    `directory` is the flight directory: sockets, logs and pid files lie there.
+    """
+    quoted = " ".join(_quote(a) for a in arguments)
+    head = _HEAD.format(
+        directory=directory, socket=SOCKET, nodaemon="true" if foreground else "false"
+    )
+    return head + "".join(
+        _PROGRAM.format(
+            name=name,
+            python=_quote(sys.executable),
+            arguments=quoted,
+            directory=directory,
+            stop_wait_s=STOP_WAIT_S,
+        )
+        for name in processes
+    )
+
+
+def _quote(argument: str) -> str:
+    # supervisor splits with shlex and expands %(...)s
+    return "'" + argument.replace("'", "'\"'\"'").replace("%", "%%") + "'"
+
+
+class Supervisor:
+    """A supervisord of one flight, by its flight directory."""
+
+    def __init__(self, directory: Path):
+        self.directory = directory
+        self._process: subprocess.Popen[bytes] | None = None
+        transport = SupervisorTransport(None, None, f"unix://{directory / SOCKET}")
+        self._rpc = xmlrpc.client.ServerProxy("http://127.0.0.1", transport=transport)
+
+    def start(self, processes: tuple[str, ...], arguments: list[str], *, foreground: bool) -> None:
+        """Start supervisord and with it all processes.
+
+        `foreground`: as a child of this process, which `stop` must be called for; else detached.
+
+        Raises:
+            RuntimeError: it did not start; the text has the end of its log.
+        """
+        conf = self.directory / CONF
+        conf.write_text(configuration(self.directory, processes, arguments, foreground=foreground))
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "supervisor.supervisord", "-c", str(conf)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        deadline = time.monotonic() + START_TIMEOUT_S
+        while time.monotonic() < deadline:
+            if self.running:
+                return
+            time.sleep(0.05)
+        log = self.directory / "supervisord.log"
+        tail = log.read_text()[-2000:] if log.exists() else "it wrote no log"
+        raise RuntimeError(f"supervisord did not start in {START_TIMEOUT_S:.0f} s: {tail}")
+
+    @property
+    def running(self) -> bool:
+        """Whether supervisord answers."""
+        try:
+            self._rpc.supervisor.getState()
+        except (OSError, xmlrpc.client.Error):
+            return False
+        return True
+
+    def status(self) -> list[ProcessStatus]:
+        """Return the state of every process; empty when supervisord does not answer."""
+        try:
+            rows = self._rpc.supervisor.getAllProcessInfo()
+        except (OSError, xmlrpc.client.Error):
+            return []
+        assert isinstance(rows, list)
+        return [
+            ProcessStatus(
+                name=str(row["name"]),
+                state=str(row["statename"]),
+                pid=int(row["pid"]),
+                uptime_s=float(max(0, row["now"] - row["start"])) if row["pid"] else 0.0,
+            )
+            for row in rows
+        ]
+
+    def restarts(self) -> dict[str, int]:
+        """Return how often each process was started again, from supervisord's log."""
+        log = self.directory / "supervisord.log"
+        counts: dict[str, int] = {}
+        for line in log.read_text().splitlines() if log.exists() else ():
+            if "INFO spawned: '" in line:
+                name = line.split("INFO spawned: '")[1].split("'")[0]
+                counts[name] = counts.get(name, -1) + 1
+        return counts
+
+    def stop(self) -> None:
+        """Stop all processes and supervisord, and wait until they are gone."""
+        with contextlib.suppress(OSError, xmlrpc.client.Error):
+            self._rpc.supervisor.shutdown()
+        deadline = time.monotonic() + 3 * STOP_WAIT_S + 10
+        while self.running and time.monotonic() < deadline:
+            time.sleep(0.05)
+        if self._process is not None:
+            try:
+                self._process.wait(timeout=10)
+            except subprocess.TimeoutExpired:
+                self._process.kill()

@@ -1,0 +1,100 @@
+"""The judge calls a flight right only when every one of its conditions holds."""
+
+from typing import Any
+
+import pytest
+from scenes import score, stamp
+
+from juncnet.messages import EventKind, JunctionEvent, Pose, SimulatorTruth, Velocity
+from juncnet_services.cli.judge import Judge, Plan, Summary
+
+
+def truth(second: float, **changes: Any) -> SimulatorTruth:
+    fields: dict[str, Any] = {
+        "at": stamp(second),
+        "header": None,
+        "pose": Pose(x_m=0, y_m=0),
+        "velocity": Velocity(forward_mps=3.0),
+        "road_offset_m": 0.1,
+        "off_road_m": 0.0,
+        "collided": False,
+        "junction_id": None,
+        "junctions_passed": 2,
+        "path": (1, 2, 3),
+        "label": "none",
+        "mouth_m": None,
+        "real_time_factor": 1.0,
+        "simulated_s": second,
+    }
+    return SimulatorTruth(**(fields | changes))
+
+
+def fly(count: int = 2, finished: bool = True, **changes: Any) -> Summary:
+    """Return the summary of a right flight of 50 s in which, in the middle, something changes."""
+    judge = Judge(Plan((1, 2, 3), ideal_s=45.0), "world", "copter")
+    for second in range(50):
+        last = second == 49
+        lasting = {k: v for k, v in changes.items() if k in ("path", "junctions_passed")}
+        judge.truth(truth(second, **(changes if second == 25 else lasting if last else {})))
+        judge.score(score(second))
+    kind = EventKind.MISSION_FINISHED if finished else EventKind.LEFT
+    judge.event(
+        JunctionEvent(
+            header=stamp(49.0), flight="f", index=0, kind=kind, count=count, probability=0.1
+        )
+    )
+    return judge.summary()
+
+
+def test_a_right_flight_is_flown_right() -> None:
+    summary = fly()
+    assert summary.flown_right
+    assert summary.reasons == ()
+    assert summary.turns_taken == summary.turns_planned == 2
+    assert summary.fps == pytest.approx(1.0)
+    assert summary.time_s == pytest.approx(49.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"count": 3}, "counted 3 junctions, passed 2"),
+        ({"finished": False}, "not finished"),
+        ({"off_road_m": 0.6}, "0.60 m off the road"),
+        ({"off_road_m": 0.1}, "98.0 % of the time"),
+        ({"collided": True}, "1 collisions"),
+        ({"path": (1, 2, 4)}, "1 of 2 turns"),
+        ({"junctions_passed": 3}, "passed 3"),
+    ],
+)
+def test_one_fault_fails_it_and_is_named(changes: dict[str, Any], reason: str) -> None:
+    summary = fly(**changes)
+    assert summary.verdict == "failed"
+    assert any(reason in text for text in summary.reasons), summary.reasons
+
+
+def test_a_slow_flight_fails() -> None:
+    judge = Judge(Plan((1,), ideal_s=10.0), "world", "copter")
+    for second in range(20):
+        judge.truth(truth(second, path=(1,), junctions_passed=0))
+    judge.event(
+        JunctionEvent(
+            header=stamp(19.0),
+            flight="f",
+            index=0,
+            kind=EventKind.MISSION_FINISHED,
+            count=0,
+            probability=0,
+        )
+    )
+    assert judge.summary().reasons == ("took 19 s, ideal 10 s",)
+
+
+def test_a_slow_simulation_voids_the_flight() -> None:
+    summary = fly(real_time_factor=0.9)
+    assert summary.verdict == "void"
+    assert not summary.flown_right
+
+
+def test_nothing_seen_is_not_flown_right() -> None:
+    assert not Judge(Plan((1, 2), 10.0), "world", "copter").summary().flown_right
