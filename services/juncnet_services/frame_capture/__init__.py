@@ -1,0 +1,1 @@
+"""frame_capture: a camera -> camera/frame, camera/image, camera/video."""

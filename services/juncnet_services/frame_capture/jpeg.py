@@ -1,0 +1,77 @@
+"""JPEG pictures for viewers and foreign followers, encoded beside the flight path, never in it."""
+
+import threading
+from collections.abc import Callable
+from queue import Empty, Full, Queue
+
+import cv2
+from pydantic import BaseModel, ConfigDict, Field
+
+from juncnet.clocks import NS_PER_S
+from juncnet.frames import Frame
+from juncnet.messages import JpegImage
+
+ENCODER_TICK_S = 0.2
+
+
+class JpegOptions(BaseModel):
+    """How camera/image is made."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    quality: int = Field(default=80, ge=1, le=100, description="JPEG quality.")
+    max_width: int = Field(
+        default=1280, ge=2, le=16384, description="Wider pictures are made smaller [px]."
+    )
+    rate_hz: float = Field(default=25.0, gt=0, le=1000, description="At most so many a second.")
+
+
+def encode_jpeg(frame: Frame, options: JpegOptions) -> JpegImage:
+    """Return the picture as JPEG, at most `options.max_width` wide, under the frame's header."""
+    pixels = frame.bgr()
+    if frame.width > options.max_width:
+        height = max(1, round(frame.height * options.max_width / frame.width))
+        pixels = cv2.resize(pixels, (options.max_width, height), interpolation=cv2.INTER_AREA)
+    _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, options.quality])
+    height, width = pixels.shape[:2]
+    return JpegImage.of(data.tobytes(), header=frame.header, width=width, height=height)
+
+
+class JpegEncoder:
+    """Encodes frames in a thread of its own and hands them to `publish`."""
+
+    def __init__(self, options: JpegOptions, publish: Callable[[JpegImage], None]) -> None:
+        self._options = options
+        self._publish = publish
+        self._next_ns = 0
+        self._waiting: Queue[Frame] = Queue(maxsize=1)
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="jpeg", daemon=True)
+        self._thread.start()
+
+    def wants(self, now_ns: int) -> bool:
+        """Return whether a frame offered now would be encoded: neither too soon nor busy."""
+        return now_ns >= self._next_ns and self._waiting.empty()
+
+    def offer(self, frame: Frame, now_ns: int) -> None:
+        """Encode `frame`, whose pixels nobody will change; dropped when one waits already."""
+        self._next_ns = now_ns + round(NS_PER_S / self._options.rate_hz * 0.9)
+        try:
+            self._waiting.put_nowait(frame)
+        except Full:
+            return
+
+    def close(self) -> None:
+        """Encode what waits, then end the thread."""
+        self._closing.set()
+        self._thread.join(timeout=5.0)
+
+    def _run(self) -> None:
+        while True:
+            try:
+                frame = self._waiting.get(timeout=ENCODER_TICK_S)
+            except Empty:
+                if self._closing.is_set():
+                    return
+                continue
+            self._publish(encode_jpeg(frame, self._options))
