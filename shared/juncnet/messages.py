@@ -130,7 +130,7 @@ class Stamp(Message):
     time_ns: int = Field(ge=0, lt=2**63)
     """Monotonic nanoseconds on `clock`."""
     clock: Name
-    uncertainty_ns: int = Field(0, ge=0, lt=2**62)
+    uncertainty_ns: int = Field(default=0, ge=0, lt=2**62)
 
     @property
     def instant(self) -> Instant:
@@ -171,7 +171,7 @@ class VideoPacket(BulkMessage):
     header: Stamp
     key_frame: bool
     """Whether decoding can start here; parameter sets are in the payload then."""
-    lost_before: int = Field(0, ge=0)
+    lost_before: int = Field(default=0, ge=0)
     """Packets known to be lost since the access unit before this one."""
 
 
@@ -275,7 +275,7 @@ class Reply(Message):
     """The answer to a request."""
 
     accepted: bool
-    reason: str = Field("", max_length=4000)
+    reason: str = Field(default="", max_length=4000)
     """Why not, and what to do about it."""
 
 
@@ -285,12 +285,12 @@ class Reply(Message):
 class Velocity(Message):
     """A velocity of the robot's body."""
 
-    forward_mps: float = Field(0.0, ge=-50, le=50)
-    lateral_mps: float = Field(0.0, ge=-50, le=50)
+    forward_mps: float = Field(default=0.0, ge=-50, le=50)
+    lateral_mps: float = Field(default=0.0, ge=-50, le=50)
     """Left positive."""
-    vertical_mps: float = Field(0.0, ge=-50, le=50)
+    vertical_mps: float = Field(default=0.0, ge=-50, le=50)
     """Up positive."""
-    yaw_rate_radps: float = Field(0.0, ge=-20, le=20)
+    yaw_rate_radps: float = Field(default=0.0, ge=-20, le=20)
     """Counter-clockwise positive."""
 
 
@@ -302,9 +302,9 @@ class RoadSeen(Message):
     heading_rad: float = Field(ge=-3.2, le=3.2)
     """Of the road's centre line near the robot against the robot's own: left positive."""
     width_m: float = Field(gt=0, le=200)
-    curvature_1pm: float = Field(0.0, ge=-2, le=2)
+    curvature_1pm: float = Field(default=0.0, ge=-2, le=2)
     """Left positive."""
-    centre: tuple[tuple[Metres, Metres], ...] = Field((), max_length=64)
+    centre: tuple[tuple[Metres, Metres], ...] = Field(default=(), max_length=64)
     """Points (x forward, y left) of the centre line, near to far."""
 
 
@@ -371,7 +371,7 @@ class Turn(Message):
 
     at: int = Field(ge=1, le=100_000)
     turn: Literal["left", "right", "straight"] | None = None
-    angle_deg: float | None = Field(None, ge=-180, le=180)
+    angle_deg: float | None = Field(default=None, ge=-180, le=180)
 
     @model_validator(mode="after")
     def _one_of_two(self) -> Self:
@@ -385,7 +385,7 @@ class Mission(Message):
 
     name: Name = "unnamed"
     turns: tuple[Turn, ...] = ()
-    finish_after: int | None = Field(None, ge=1)
+    finish_after: int | None = Field(default=None, ge=1)
     """Number of junctions after which the mission is finished; None: never."""
 
     @model_validator(mode="after")
@@ -477,7 +477,7 @@ class Capabilities(Message):
     lateral: bool = False
     vertical: bool = False
     turns_in_place: bool = False
-    minimum_radius_m: float = Field(0.0, ge=0, le=1000)
+    minimum_radius_m: float = Field(default=0.0, ge=0, le=1000)
     telemetry: bool = False
     """Whether attitude and velocity in `VehicleState` are measured."""
 
@@ -488,9 +488,9 @@ class Pose(Message):
     x_m: Metres
     y_m: Metres
     z_m: Metres = 0.0
-    roll_rad: float = Field(0.0, ge=-7, le=7)
-    pitch_rad: float = Field(0.0, ge=-7, le=7)
-    yaw_rad: float = Field(0.0, ge=-7, le=7)
+    roll_rad: float = Field(default=0.0, ge=-7, le=7)
+    pitch_rad: float = Field(default=0.0, ge=-7, le=7)
+    yaw_rad: float = Field(default=0.0, ge=-7, le=7)
 
 
 class GeoPoint(Message):
@@ -498,7 +498,7 @@ class GeoPoint(Message):
 
     latitude_deg: float = Field(ge=-90, le=90)
     longitude_deg: float = Field(ge=-180, le=180)
-    altitude_m: float = Field(0.0, ge=-500, le=100_000)
+    altitude_m: float = Field(default=0.0, ge=-500, le=100_000)
 
 
 class Output(StrEnum):
@@ -518,7 +518,7 @@ class VehicleState(Message):
 
     at: Stamp
     capabilities: Capabilities
-    yaw_rad: float | None = Field(None, ge=-7, le=7)
+    yaw_rad: float | None = Field(default=None, ge=-7, le=7)
     """In any fixed frame: differences are what counts."""
     velocity: Velocity | None = None
     """Measured."""
@@ -541,15 +541,15 @@ class Health(Message):
     pid: int = Field(ge=0)
     rate_hz: float = Field(ge=0)
     """Main output messages a second since the last report."""
-    age_s: float | None = Field(None, ge=0)
+    age_s: float | None = Field(default=None, ge=0)
     """Largest picture age at output since the last report."""
-    drops: int = Field(0, ge=0)
+    drops: int = Field(default=0, ge=0)
     """Inputs that were replaced by a newer one before they were used; since the start."""
-    errors: int = Field(0, ge=0)
+    errors: int = Field(default=0, ge=0)
     """Malformed or refused inputs and failures survived; since the start."""
-    latency_p50_ms: float | None = Field(None, ge=0)
+    latency_p50_ms: float | None = Field(default=None, ge=0)
     """From taking an input to publishing what follows from it."""
-    latency_p99_ms: float | None = Field(None, ge=0)
+    latency_p99_ms: float | None = Field(default=None, ge=0)
     last_error: str = ""
     counters: dict[str, float] = Field(default_factory=dict)
     """What only this service counts: `lost`, `corrupt`, `frozen`, `reconnects` ..."""
@@ -575,7 +575,7 @@ class SimulatorTruth(Message):
     """The junction whose surface the robot's centre is on."""
     junctions_passed: int = Field(ge=0)
     """Junctions entered and left (or turned in) since the start, each pass once."""
-    path: tuple[int, ...] = Field((), max_length=100_000)
+    path: tuple[int, ...] = Field(default=(), max_length=100_000)
     """Ids of the arms (directed road ids) driven so far, in order."""
     label: Literal["junction", "none", "transition"]
     mouth_m: float | None

@@ -3,10 +3,10 @@
 from typing import Any
 
 import pytest
-from scenes import score, stamp
 
 from juncnet.messages import EventKind, JunctionEvent, Pose, SimulatorTruth, Velocity
 from juncnet_services.cli.judge import Judge, Plan, Summary
+from scenes import score, stamp
 
 
 def truth(second: float, **changes: Any) -> SimulatorTruth:
