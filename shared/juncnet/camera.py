@@ -2,7 +2,7 @@
 
 This is the one place for the definition of *junction*: simulation, training, navigation and the
 model cards all ask `JunctionBand`. A frame is *junction* when the mouth of the nearest junction
-(the nearest point of the robot's road where the junction's surface begins) lies between `d_near` and
+(the nearest point of the robot's road where its surface begins) lies between `d_near` and
 `d_far` ahead and enough of it is visible. The two distances scale with the height of the camera,
 because a picture from twice the height of a world twice the size is the same picture: only
 distances in units of the height can be seen.

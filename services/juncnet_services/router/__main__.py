@@ -1,0 +1,3 @@
+from juncnet_services.router.service import main
+
+main()

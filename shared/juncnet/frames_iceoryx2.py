@@ -1,0 +1,241 @@
+"""Frames through iceoryx2: loaned shared memory, read in place by every process of the flight.
+
+A sample is reference-counted, so none is overwritten while it is read; `safe_overflow` with a
+buffer of one keeps the newest only. The flight has a root and a prefix of its own in iceoryx2's
+configuration: flights do not meet, and what a killed flight left in shared memory is known by name.
+"""
+
+import ctypes
+import fcntl
+import importlib
+import importlib.util
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from juncnet.flight import Flight
+from juncnet.frames import Frame, FrameLayout
+from juncnet.frames_wire import PREFIX_BYTES, FramePrefix, SerialGate
+from juncnet.health import HealthCounters
+from juncnet.inbox import Wake
+from juncnet.messages import MessageError, Stamp
+
+MAX_READERS = 32
+MAX_WRITERS = 8
+"""More than one, because a killed writer counts until its remains are cleared."""
+POLL_S = 0.1
+"""How long a lost wake-up can delay a waiting reader."""
+SHARED_MEMORY = Path("/dev/shm")
+
+
+def available() -> bool:
+    """Return whether iceoryx2 is installed here."""
+    return importlib.util.find_spec("iceoryx2") is not None
+
+
+def sweep(flight: Flight) -> bool:
+    """Remove what killed processes of this flight left behind; False while some still run."""
+    with (flight.directory / "frames.lock").open("a") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        for leftover in SHARED_MEMORY.glob(f"{flight.tag}_*"):
+            leftover.unlink(missing_ok=True)
+        shutil.rmtree(flight.directory / "iceoryx2", ignore_errors=True)
+    return True
+
+
+class IceoryxNode:
+    """This process's part in the flight's shared memory."""
+
+    def __init__(self, flight: Flight) -> None:
+        self._flight = flight
+        sweep(flight)
+        self._lock = (flight.directory / "frames.lock").open("a")
+        fcntl.flock(self._lock, fcntl.LOCK_SH)
+        self._iox2: Any = importlib.import_module("iceoryx2")
+        iox2 = self._iox2
+        iox2.set_log_level(iox2.LogLevel.Error)
+        config = iox2.config.default()
+        config.global_cfg.prefix = iox2.FileName.new(f"{flight.tag}_")
+        config.global_cfg.root_path = iox2.Path.new(str(flight.directory / "iceoryx2"))
+        self._node: Any = (
+            iox2.NodeBuilder.new()
+            .signal_handling_mode(iox2.SignalHandlingMode.Disabled)
+            .config(config)
+            .create(iox2.ServiceType.Ipc)
+        )
+        self._ports: list[Any] = []
+
+    def _service(self, key: str) -> Any:
+        iox2 = self._iox2
+        return (
+            self._node.service_builder(iox2.ServiceName.new(key))
+            .publish_subscribe(iox2.Slice[ctypes.c_uint8])
+            .payload_alignment(iox2.Alignment.new(64))
+            .max_subscribers(MAX_READERS)
+            .max_publishers(MAX_WRITERS)
+            .max_nodes(MAX_READERS + MAX_WRITERS)
+            .subscriber_max_buffer_size(1)
+            .subscriber_max_borrowed_samples(2)
+            .enable_safe_overflow(True)
+            .history_size(0)
+            .open_or_create()
+        )
+
+    def publisher(self, key: str) -> Any:
+        """Return an iceoryx2 publisher of samples of any size under `key`."""
+        iox2 = self._iox2
+        port = (
+            self._service(key)
+            .publisher_builder()
+            .initial_max_slice_len(PREFIX_BYTES)
+            .allocation_strategy(iox2.AllocationStrategy.PowerOfTwo)
+            .max_loaned_samples(2)
+            .create()
+        )
+        self._ports.append(port)
+        return port
+
+    def subscriber(self, key: str) -> Any:
+        """Return an iceoryx2 subscriber of `key`."""
+        port = self._service(key).subscriber_builder().buffer_size(1).create()
+        self._ports.append(port)
+        return port
+
+    def close(self) -> None:
+        """Leave; the last one to leave removes what is left."""
+        for port in self._ports:
+            port.delete()
+        self._ports.clear()
+        self._node = None
+        self._lock.close()
+        sweep(self._flight)
+
+
+class IceoryxFrameWriter:
+    """A `FrameWriter` into shared memory; `wake` puts the prefix of each frame sent."""
+
+    def __init__(self, publisher: Any, wake: Callable[[bytes], None], writer: int) -> None:
+        self._publisher, self._wake, self._writer = publisher, wake, writer
+        self._serial = 0
+        self._lock = threading.Lock()
+
+    def loan(self, layout: FrameLayout) -> "IceoryxFrameLoan":
+        """Return shared memory for one frame."""
+        layout.check()
+        return IceoryxFrameLoan(
+            self, layout, self._publisher.loan_slice_uninit(PREFIX_BYTES + layout.nbytes)
+        )
+
+    def send(self, frame: Frame) -> None:
+        """Send a frame: copies its pixels once."""
+        loan = self.loan(frame.layout)
+        loan.pixels[:] = frame.pixels
+        loan.send(frame.header)
+
+    def finish(self, sample: Any, header: Stamp, layout: FrameLayout) -> None:
+        """Complete a loaned sample with its prefix, send it and wake the readers."""
+        with self._lock:
+            prefix = FramePrefix(header, layout, self._writer, self._serial).pack()
+            self._serial += 1
+            ctypes.memmove(sample.payload_ptr, prefix, PREFIX_BYTES)
+            sample.assume_init().send()
+            self._wake(prefix)
+
+
+class IceoryxFrameLoan:
+    """Shared memory for one frame; given back unless sent."""
+
+    def __init__(self, writer: IceoryxFrameWriter, layout: FrameLayout, sample: Any) -> None:
+        self._writer, self._layout, self._sample = writer, layout, sample
+        self._pixels = _view(sample.payload_ptr + PREFIX_BYTES, layout.nbytes)
+
+    @property
+    def pixels(self) -> NDArray[np.uint8]:
+        """Flat uint8 array of `layout.nbytes`, writable until `send`."""
+        return self._pixels
+
+    def send(self, header: Stamp) -> None:
+        """Send the pixels under this header. Never blocks."""
+        self._writer.finish(self._sample, header, self._layout)
+
+
+class IceoryxFrameReader:
+    """A `FrameReader` of shared memory; `put` takes the prefixes that wake it."""
+
+    def __init__(self, subscriber: Any, wake: Wake, health: HealthCounters) -> None:
+        self._subscriber, self._wake, self._health = subscriber, wake, health
+        self._woken = False
+        self._gate = SerialGate()
+
+    def put(self, payload: bytes) -> None:
+        """Wake: a frame was sent. Anything but the prefix of a frame is counted as an error."""
+        try:
+            FramePrefix.unpack(payload)
+        except MessageError as error:
+            self._health.error(str(error))
+            return
+        with self._wake.condition:
+            self._woken = True
+            self._wake.condition.notify_all()
+
+    @property
+    def ready(self) -> bool:
+        """Whether a frame was announced since the last `take`."""
+        return self._woken
+
+    @property
+    def drops(self) -> int:
+        """Frames replaced before they were taken, since the start."""
+        return self._gate.drops
+
+    @contextmanager
+    def take(self, timeout_s: float) -> Iterator[Frame | None]:
+        """Give the newest frame not taken before, in place, or None after `timeout_s`."""
+        sample, frame = self._receive(timeout_s)
+        try:
+            yield frame
+        finally:
+            if sample is not None:
+                sample.delete()
+
+    def _receive(self, timeout_s: float) -> tuple[Any, Frame | None]:
+        deadline = time.monotonic() + timeout_s
+        while True:
+            self._woken = False
+            sample = self._subscriber.receive()
+            if sample is not None:
+                try:
+                    return sample, self._frame(sample)
+                except MessageError as error:
+                    self._health.error(str(error))
+                    sample.delete()
+            left_s = deadline - time.monotonic()
+            if left_s <= 0 or not self._wake.running:
+                return None, None
+            self._wake.wait_for(lambda: self._woken, min(left_s, POLL_S))
+
+    def _frame(self, sample: Any) -> Frame:
+        payload = sample.payload()
+        length, address = payload.len(), payload.as_ptr()
+        prefix = FramePrefix.unpack(ctypes.string_at(address, min(length, PREFIX_BYTES)))
+        if length != PREFIX_BYTES + prefix.layout.nbytes:
+            raise MessageError(f"Frame.pixels: {length - PREFIX_BYTES} bytes, {prefix.layout}")
+        self._gate.passed(prefix)
+        pixels = _view(address + PREFIX_BYTES, prefix.layout.nbytes)
+        pixels.flags.writeable = False
+        return Frame(prefix.header, prefix.layout, pixels)
+
+
+def _view(address: int, nbytes: int) -> NDArray[np.uint8]:
+    """Return `nbytes` of memory at `address` as uint8, without a copy; it does not keep them."""
+    return np.frombuffer((ctypes.c_uint8 * nbytes).from_address(address), np.uint8)

@@ -1,0 +1,114 @@
+"""How a frame lies in memory and on the wire: a fixed prefix, then the pixels, in ONE sample.
+
+Header and pixels travel together, so that no header can meet another picture's pixels. The prefix
+alone is what wakes readers and tells observers that there is a new picture.
+"""
+
+import struct
+import zlib
+from dataclasses import dataclass
+
+from pydantic import ValidationError
+
+from juncnet.frames import FrameLayout
+from juncnet.messages import MessageError, PixelFormat, Stamp
+
+MAGIC = b"JNCFRAME"
+VERSION = 1
+PREFIX_BYTES = 256
+"""A multiple of 64: the pixels after it begin on a cache line."""
+ENCODING = "application/octet-stream;juncnet.Frame.v1"
+PIXELS_KEY = "@pixels"
+"""Chunk below a frame topic's key for whole frames; `*` and `**` never match a chunk with `@`, so
+nobody asks for raw pixels by watching everything."""
+
+_FIELDS = struct.Struct("<8sHBBIIIQQQQQQQB128s")
+_CHECK = struct.Struct("<I")
+_FORMATS = (PixelFormat.I420, PixelFormat.NV12, PixelFormat.BGR8, PixelFormat.GRAY8)
+
+
+@dataclass(frozen=True)
+class FramePrefix:
+    """What stands before the pixels. `writer` and `serial` number the samples of one writer."""
+
+    header: Stamp
+    layout: FrameLayout
+    writer: int
+    serial: int
+
+    def pack(self) -> bytes:
+        """Return the prefix as `PREFIX_BYTES` bytes, little-endian, its CRC-32 at the end."""
+        clock = self.header.clock.encode()
+        layout = self.layout
+        fields = _FIELDS.pack(
+            MAGIC,
+            VERSION,
+            _FORMATS.index(layout.format),
+            0,
+            layout.width,
+            layout.height,
+            layout.stride,
+            layout.nbytes,
+            self.writer,
+            self.serial,
+            self.header.epoch,
+            self.header.sequence,
+            self.header.time_ns,
+            self.header.uncertainty_ns,
+            len(clock),
+            clock,
+        )
+        body = fields.ljust(PREFIX_BYTES - _CHECK.size, b"\0")
+        return body + _CHECK.pack(zlib.crc32(body))
+
+    @classmethod
+    def unpack(cls, data: bytes) -> "FramePrefix":
+        """Return the prefix that stands at the beginning of `data`.
+
+        Raises:
+            MessageError: it is not one, was damaged, or describes an impossible picture.
+        """
+        if len(data) < PREFIX_BYTES:
+            raise MessageError(f"Frame.prefix: {len(data)} bytes, needs {PREFIX_BYTES}")
+        body = data[: PREFIX_BYTES - _CHECK.size]
+        values = _FIELDS.unpack_from(body)
+        if values[0] != MAGIC or values[1] != VERSION:
+            raise MessageError(f"Frame.prefix: not a frame of version {VERSION}")
+        if _CHECK.unpack_from(data, len(body))[0] != zlib.crc32(body):
+            raise MessageError("Frame.prefix: damaged, its checksum differs")
+        if values[2] >= len(_FORMATS):
+            raise MessageError(f"Frame.format: {values[2]} is unknown")
+        layout = FrameLayout(_FORMATS[values[2]], *values[4:7])
+        layout.check()
+        if values[7] != layout.nbytes:
+            raise MessageError(f"Frame.nbytes: {values[7]}, {layout} needs {layout.nbytes}")
+        return cls(_stamp(values[10:14], values[15][: values[14]]), layout, values[8], values[9])
+
+
+def _stamp(numbers: tuple[int, int, int, int], clock: bytes) -> Stamp:
+    epoch, sequence, time_ns, uncertainty_ns = numbers
+    try:
+        return Stamp(
+            epoch=epoch,
+            sequence=sequence,
+            time_ns=time_ns,
+            uncertainty_ns=uncertainty_ns,
+            clock=clock.decode("ascii", "replace"),
+        )
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise MessageError(f"Frame.header.{first['loc'][0]}: {first['msg']}") from error
+
+
+class SerialGate:
+    """Counts the frames of one writer that were replaced before anybody took them."""
+
+    def __init__(self) -> None:
+        self._writer, self._serial = -1, -1
+        self.drops = 0
+
+    def passed(self, prefix: FramePrefix) -> None:
+        """Note that this frame was taken."""
+        if prefix.writer == self._writer and prefix.serial > self._serial:
+            self.drops += prefix.serial - self._serial - 1
+        self._writer, self._serial = prefix.writer, prefix.serial

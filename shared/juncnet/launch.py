@@ -1,0 +1,137 @@
+"""What every process needs before its `run`: configuration, logging, signals, session, health.
+
+`main()` of a service is one line: `launch(run, Config)`. A tool joins a flight with `connect`.
+"""
+
+import argparse
+import logging
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import zenoh
+from pydantic import BaseModel
+
+from juncnet import links
+from juncnet.assets import asset_path
+from juncnet.bus import Bus, FrameTransport, ZenohBus
+from juncnet.flight import Flight, join_flight, new_flight, read_flight
+from juncnet.layout import Layout, LayoutError, load_layout
+
+C = TypeVar("C", bound=BaseModel)
+FLIGHT_VARIABLE = "JUNCNET_FLIGHT"
+"""Environment variable with the flight directory, for processes that a supervisor starts."""
+POOL_THREADS = 1
+"""Threads of OpenCV's pool: eight processes with a pool each would fight over two cores."""
+LOG_FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s %(name)s: %(message)s"
+
+
+def launch(run: Callable[[Bus, C], None], config: type[C]) -> None:
+    """Run a service until it ends or is told to, then exit: 0 clean, 1 failed, 2 misconfigured."""
+    service = _package(run.__module__)
+    options = _arguments(service)
+    try:
+        layout = load_layout(asset_path(options.layout, "layouts", ".toml"), options.set)
+        section = layout.section(service, config)
+        flight = _flight(layout, options.flight_dir)
+    except (LayoutError, ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+    _set_up_process(layout)
+    sys.exit(_run(run, section, layout, flight, service))
+
+
+def _run(
+    run: Callable[[Bus, C], None], section: C, layout: Layout, flight: Flight, service: str
+) -> int:
+    log = logging.getLogger(service)
+    layout.state_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with ZenohBus(
+        links.member(flight, service), flight, service, layout.state_dir, layout.bus.frames
+    ) as bus:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: bus.stop())
+        bus.report_health()
+        log.info("flight %s, robot %s, pid %d", flight.id, flight.robot, os.getpid())
+        try:
+            run(bus, section)
+        except Exception:
+            log.exception("failed")
+            return 1
+        log.info("ended")
+    return 0
+
+
+def connect(
+    target: str | Path, robot: str = "robot", frames: FrameTransport = "auto", timeout_s: float = 5
+) -> ZenohBus:
+    """Return a bus for a tool or a test: `target` is a flight directory or a gateway, `host:port`.
+
+    Through a gateway there are no frames, and `robot` must be given.
+
+    Raises:
+        ConnectionError: nobody is there.
+    """
+    service = f"cli-{os.getpid()}"
+    if Path(target).is_dir():
+        flight = read_flight(Path(target))
+        settings = links.visitor(flight)
+    else:
+        flight = Flight("outside", Path(), robot, ())
+        endpoint = str(target)
+        settings = links.outsider(endpoint if "/" in endpoint else f"tcp/{endpoint}")
+    try:
+        bus = ZenohBus(settings, flight, service, Path(), frames)
+    except zenoh.ZError as error:
+        raise ConnectionError(f"{target}: {error}") from error
+    deadline = time.monotonic() + timeout_s
+    while not bus.connected and time.monotonic() < deadline:
+        time.sleep(0.01)
+    if not bus.connected:
+        bus.close()
+        raise ConnectionError(f"{target}: no process of this flight is running")
+    return bus
+
+
+def _package(module: str) -> str:
+    """Return the name of the package that holds `module`: a service is called after its folder."""
+    if module == "__main__":
+        spec = sys.modules["__main__"].__spec__
+        module = spec.name if spec is not None else module
+    return module.split(".")[-2] if "." in module else module
+
+
+def _arguments(service: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog=service)
+    parser.add_argument("--layout", required=True, help="TOML file, or the name of a built-in one")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="SECTION.OPTION=VALUE", help="repeatable"
+    )
+    parser.add_argument(
+        "--flight-dir",
+        type=Path,
+        default=os.environ.get(FLIGHT_VARIABLE),
+        help=f"join the flight of this directory (default: ${FLIGHT_VARIABLE}, else a new one)",
+    )
+    return parser.parse_args()
+
+
+def _flight(layout: Layout, directory: Path | None) -> Flight:
+    if directory is None:
+        return new_flight(layout.launch.robot, layout.processes)
+    return join_flight(Path(directory), layout.launch.robot, layout.processes)
+
+
+def _set_up_process(layout: Layout) -> None:
+    logging.basicConfig(
+        level=layout.launch.log_level.upper(), format=LOG_FORMAT, datefmt="%H:%M:%S"
+    )
+    zenoh.init_log_from_env_or("error")
+    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", str(POOL_THREADS))
+    cv2 = sys.modules.get("cv2")
+    if cv2 is not None:
+        cv2.setNumThreads(POOL_THREADS)

@@ -1,0 +1,162 @@
+"""A layout: which processes run on this host, and the options of each, from one TOML file.
+
+processes = ["frame_capture", ...]
+[launch]            # robot, state_dir, log_level
+[bus]               # frames
+[frame_capture]     # one table a process, validated by that service's own Config
+"""
+
+import difflib
+import importlib
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from juncnet.messages import Name
+
+C = TypeVar("C", bound=BaseModel)
+SERVICES_PACKAGE = "juncnet_services"
+
+
+class LayoutError(ValueError):
+    """A layout cannot be used; one line a problem, each naming file, section and option."""
+
+
+class LaunchOptions(BaseModel):
+    """Section `[launch]`: what all processes of the layout share."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    robot: Name = "robot"
+    """Its name on the bus: keys are `juncnet/<robot>/...`."""
+    state_dir: Path | None = None
+    """Where what outlives a flight is kept; default `~/.local/state/juncnet/<robot>`."""
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+
+
+class BusOptions(BaseModel):
+    """Section `[bus]`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    frames: Literal["auto", "iceoryx2", "zenoh"] = "auto"
+    """How pictures travel on this host; auto: iceoryx2 where it is installed."""
+
+
+class Layout(BaseModel):
+    """A layout as read; sections of services are validated by `section` or `validate_all`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    path: Path
+    processes: tuple[str, ...] = Field(min_length=1)
+    launch: LaunchOptions
+    bus: BusOptions
+    sections: dict[str, dict[str, Any]]
+
+    @property
+    def state_dir(self) -> Path:
+        """Where this robot's lasting state is kept."""
+        default = Path.home() / ".local/state/juncnet" / self.launch.robot
+        return (self.launch.state_dir or default).expanduser()
+
+    def section(self, service: str, config: type[C]) -> C:
+        """Return the options of `service`.
+
+        Raises:
+            LayoutError: they do not fit `config`.
+        """
+        return _validated(self.path, service, config, self.sections.get(service, {}))
+
+    def validate_all(self) -> None:
+        """Check every section against its service's Config.
+
+        Raises:
+            LayoutError: all problems, one a line.
+        """
+        problems: list[str] = []
+        for service in self.processes:
+            try:
+                self.section(service, service_config(service))
+            except (LayoutError, ImportError) as error:
+                problems.append(str(error))
+        if problems:
+            raise LayoutError("\n".join(problems))
+
+
+def service_config(service: str) -> type[BaseModel]:
+    """Return the Config of a service by its name."""
+    module = importlib.import_module(f"{SERVICES_PACKAGE}.{service}.service")
+    config: type[BaseModel] = module.Config
+    return config
+
+
+def load_layout(path: Path, settings: Sequence[str] = ()) -> Layout:
+    """Return the layout in the file at `path`, changed by `section.key=value` settings.
+
+    Raises:
+        LayoutError: the file cannot be read, or has unknown sections or options.
+    """
+    try:
+        tables: dict[str, Any] = tomllib.loads(path.read_text())
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        raise LayoutError(f"{path}: {error}") from error
+    for setting in settings:
+        _apply(tables, setting)
+    processes = tables.pop("processes", [])
+    known = ["launch", "bus", *processes]
+    for name, table in tables.items():
+        if name not in known:
+            raise LayoutError(f"{path}: [{name}] is no process of this layout{_hint(name, known)}")
+        if not isinstance(table, dict):
+            raise LayoutError(f"{path}: {name} = ... must be a section [{name}]")
+    launch = _validated(path, "launch", LaunchOptions, tables.pop("launch", {}))
+    bus = _validated(path, "bus", BusOptions, tables.pop("bus", {}))
+    fields = {"path": path, "processes": processes, "launch": launch, "bus": bus}
+    return _validated(path, "", Layout, fields | {"sections": tables})
+
+
+def _apply(tables: dict[str, Any], setting: str) -> None:
+    match = re.fullmatch(r"([\w-]+(?:\.[\w-]+)+)=(.*)", setting, re.DOTALL)
+    if match is None:
+        raise LayoutError(f"--set {setting}: write section.option=value")
+    *sections, option = match[1].split(".")
+    table = tables
+    for name in sections:
+        table = table.setdefault(name, {})
+    try:
+        table[option] = tomllib.loads(f"value = {match[2]}")["value"]
+    except tomllib.TOMLDecodeError:
+        table[option] = match[2]
+
+
+def _validated(path: Path, section: str, config: type[C], values: dict[str, Any]) -> C:
+    try:
+        return config.model_validate(values)
+    except ValidationError as error:
+        raise LayoutError("\n".join(_problems(path, section, config, error))) from error
+
+
+def _problems(
+    path: Path, section: str, config: type[BaseModel], error: ValidationError
+) -> list[str]:
+    lines: list[str] = []
+    for problem in error.errors(include_url=False):
+        option = ".".join(str(part) for part in problem["loc"])
+        where = f"{path}: [{section}] {option}" if section else f"{path}: {option}"
+        if problem["type"] == "extra_forbidden":
+            known = list(config.model_fields)
+            hint = _hint(option, known) or f" (there are: {', '.join(known) or 'none'})"
+            lines.append(f"{where}: no such option{hint}")
+        else:
+            lines.append(f"{where}: {problem['msg']}, not {problem['input']!r:.60}")
+    return lines
+
+
+def _hint(name: str, known: Sequence[str]) -> str:
+    close = difflib.get_close_matches(name, known, 1, 0.5)
+    return f": did you mean {close[0]!r}?" if close else ""
