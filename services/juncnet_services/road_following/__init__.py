@@ -1,0 +1,1 @@
+"""Keeps the robot on the road: the seam for followers, and the built-in one."""

@@ -1,0 +1,56 @@
+"""road_following: camera/frame, vehicle/state, junction/event -> road/command.
+
+Asks the configured follower, the user's or the built-in one, for a velocity in every newest picture.
+"""
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from juncnet.bus import Bus
+from juncnet.launch import launch
+from juncnet.messages import EventKind, Name
+from juncnet.topics import CAMERA_FRAME, JUNCTION_EVENT, ROAD_COMMAND, VEHICLE_STATE
+from juncnet_services.road_following.follower import load_follower
+from juncnet_services.road_following.runner import FollowerRunner, Watchdog
+
+
+class Config(BaseModel):
+    """Options of `road_following`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    follower: str = "juncnet_services.road_following.vision:VisionFollower"
+    """The follower's class as `package.module:Class`, from this package or any installed one."""
+    options: dict[str, Any] = Field(default_factory=dict)
+    """The follower's own options; it validates them."""
+    source: Name = "road_following"
+    """Name under which the proposals are published; the navigator obeys one source only."""
+    time_limit_s: float = Field(0.5, gt=0, le=60)
+    """A call of the follower that takes longer ends the process, and the supervisor restarts it."""
+
+
+def run(bus: Bus, config: Config) -> None:
+    """Publish a proposal for every newest picture until the bus stops."""
+    follower = load_follower(config.follower, config.options)
+    watchdog = Watchdog(config.time_limit_s, config.follower)
+    runner = FollowerRunner(follower, config.source, watchdog, bus.health.error)
+    frames = bus.frames_in(CAMERA_FRAME)
+    states = bus.subscribe(VEHICLE_STATE)
+    events = bus.subscribe(JUNCTION_EVENT, capacity=16)
+    while bus.running:
+        with frames.take(0.2) as frame:
+            if frame is None:
+                continue
+            taken_ns = bus.clock.now_ns()
+            states.drain()
+            for _, event in events.drain():
+                if event.kind is EventKind.TURN_FINISHED:
+                    runner.reset(f"turn finished at junction {event.count}")
+            bus.publish(ROAD_COMMAND, runner.command(frame, states.newest))
+            bus.health.output(taken_ns, frame.header)
+
+
+def main() -> None:
+    """Start the process."""
+    launch(run, Config)

@@ -1,0 +1,156 @@
+"""The built-in follower: road mask, seen from above, its centre line, steering."""
+
+import math
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from juncnet.camera import CameraGeometry
+from juncnet.clocks import NS_PER_S
+from juncnet.frames import Frame
+from juncnet.assets import asset_path
+from juncnet.messages import RoadSeen, Stamp, VehicleState
+from juncnet_services.road_following.centre_line import (
+    LOOSE_SIGMA,
+    PRIOR_SIGMA,
+    CentreLine,
+    first_guess,
+    fit,
+)
+from juncnet_services.road_following.follower import Proposal
+from juncnet_services.road_following.ground_view import GroundView, RoadEdges
+from juncnet_services.road_following.masks import ColourMask, NetworkMask, RoadMask, shrink
+from juncnet_services.road_following.steering import SteeringOptions, steer
+
+LOST_SUPPORT = 0.12
+"""Below this support a picture does not show the road that is followed."""
+LOST_FRAMES = 12
+"""After so many of them in a row the road is looked for anew."""
+
+
+class VisionOptions(BaseModel):
+    """Options of the built-in follower."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    camera: CameraGeometry = CameraGeometry()
+    """Where the camera sits and how it looks; the aspect is taken from the pictures."""
+    mask: str = "colour"
+    """The road mask model: a path, or a shipped model; `colour`: by colour, without a model."""
+    steering: SteeringOptions = SteeringOptions()
+    width_m: float = Field(6.0, gt=1, le=60)
+    """Usual width of a road, where the picture does not show it."""
+    view_heights: float = Field(5.0, gt=1, le=20)
+    """How far ahead the road is looked at, in camera heights."""
+    view_m: float = Field(14.0, gt=2, le=200)
+    """The same in metres; the nearer one counts."""
+    unseen: Literal["hold", "go_on"] = "hold"
+    """Without road ahead: propose nothing, or go on slowly along the road that was."""
+
+
+class VisionFollower:
+    """Follows the middle of the road that the robot is on."""
+
+    Options = VisionOptions
+
+    def __init__(self, options: VisionOptions) -> None:
+        self._options = options
+        self._mask: RoadMask = (
+            ColourMask() if options.mask == "colour" else NetworkMask(asset_path(options.mask))
+        )
+        self._view: GroundView | None = None
+        self._aspect = 0.0
+        self._line: CentreLine | None = None
+        self._poor_frames = 0
+        self._speed_mps = self._yaw_rate_radps = 0.0
+        self._header: Stamp | None = None
+
+    @property
+    def line(self) -> CentreLine | None:
+        """The centre line in the newest picture, None before the first and after a reset."""
+        return self._line
+
+    def reset(self, reason: str) -> None:
+        """Forget the road: the next picture shows another one."""
+        del reason
+        self._line, self._poor_frames = None, 0
+
+    def follow(self, frame: Frame, state: VehicleState | None) -> Proposal | None:
+        """Return the velocity along the road in `frame`; None: it shows no road."""
+        probability = self._mask.probability(shrink(frame))
+        view = self._view_of(frame, probability.shape)
+        above = view.from_above(probability)
+        self._predict(frame.header, state)
+        line, edges = self._fitted(view, above)
+        confidence = self._confidence(line, edges)
+        self._poor_frames = self._poor_frames + 1 if line.support < LOST_SUPPORT else 0
+        self._line = line if self._poor_frames < LOST_FRAMES else None
+        if confidence < 0.05 and self._options.unseen == "hold":
+            self._speed_mps = self._yaw_rate_radps = 0.0
+            return None
+        velocity = steer(
+            line, confidence, self._speed_mps, self._yaw_rate_radps, self._options.steering
+        )
+        if state is None or state.velocity is None:
+            self._speed_mps, self._yaw_rate_radps = (
+                velocity.forward_mps,
+                velocity.yaw_rate_radps,
+            )
+        return Proposal(velocity, confidence, _seen(line, view))
+
+    def _view_of(self, frame: Frame, shape: tuple[int, ...]) -> GroundView:
+        """Return the ground view for pictures of this shape, kept from picture to picture."""
+        aspect = frame.width / frame.height
+        if self._view is None or aspect != self._aspect:
+            camera = self._options.camera.model_copy(update={"aspect": aspect})
+            far_m = min(self._options.view_heights * camera.height_m, self._options.view_m)
+            self._view = GroundView(camera, (shape[0], shape[1]), far_m)
+            self._aspect = aspect
+        return self._view
+
+    def _predict(self, header: Stamp, state: VehicleState | None) -> None:
+        """Move the line by what the robot drove since the last picture."""
+        if state is not None and state.velocity is not None:
+            self._speed_mps = state.velocity.forward_mps
+            self._yaw_rate_radps = state.velocity.yaw_rate_radps
+        last, self._header = self._header, header
+        if self._line is None or last is None or last.epoch != header.epoch:
+            return
+        passed_s = min(max((header.time_ns - last.time_ns) / NS_PER_S, 0.0), 0.5)
+        self._line = self._line.moved(self._speed_mps * passed_s, self._yaw_rate_radps * passed_s)
+
+    def _fitted(
+        self, view: GroundView, above: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+    ) -> tuple[CentreLine, RoadEdges]:
+        """Return the line in this picture, and the edges beside it."""
+        if self._line is None:
+            reach_m = 2 * self._options.width_m
+            edges = view.edges(above, np.zeros_like(view.x_m), reach_m)
+            start, sigma = first_guess(edges, self._options.width_m), LOOSE_SIGMA
+        else:
+            start, sigma = self._line, PRIOR_SIGMA
+        edges = view.edges(above, start.y(view.x_m), 0.75 * start.half_width_m)
+        line = fit(edges, start, sigma)
+        return line, view.edges(above, line.y(view.x_m), 0.75 * line.half_width_m)
+
+    def _confidence(self, line: CentreLine, edges: RoadEdges) -> float:
+        """Return 0..1: how much of the line is on the road, and how well its edges are seen."""
+        visible = int(edges.visible.sum())
+        if visible == 0:
+            return 0.0
+        on_road = float(edges.on_road.sum()) / visible
+        return min(1.0, on_road * (0.35 + line.support))
+
+
+def _seen(line: CentreLine, view: GroundView) -> RoadSeen:
+    """Return the line as the message has it, with twelve points of its centre."""
+    x = np.linspace(view.near_m, view.far_m, 12)
+    points = zip(x, np.clip(line.y(x), -100, 100), strict=True)
+    return RoadSeen(
+        offset_m=line.offset_m,
+        heading_rad=math.atan(line.heading),
+        width_m=2 * line.half_width_m,
+        curvature_1pm=line.curvature_1pm,
+        centre=tuple((float(px), float(py)) for px, py in points),
+    )
