@@ -1,1 +1,1 @@
-"""Counts junctions and takes the turns of a mission: from scores and road commands to velocities."""
+"""Counts junctions and takes the turns of a mission."""

@@ -11,17 +11,17 @@ class DetectorConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    smoothing_s: float = Field(0.12, gt=0, le=2.0)
+    smoothing_s: float = Field(default=0.12, gt=0, le=2.0)
     """Time constant of the exponential smoothing."""
-    enter: float = Field(0.6, gt=0, lt=1)
+    enter: float = Field(default=0.6, gt=0, lt=1)
     """Smoothed probability at which the score has risen."""
-    leave: float = Field(0.4, gt=0, lt=1)
+    leave: float = Field(default=0.4, gt=0, lt=1)
     """Smoothed probability at which it has fallen."""
-    confirm_fraction: float = Field(0.2, ge=0, le=0.6)
+    confirm_fraction: float = Field(default=0.2, ge=0, le=0.6)
     """Part of the band that a risen score must last before the junction is counted."""
-    dip_m: float = Field(2.5, ge=0)
+    dip_m: float = Field(default=2.5, ge=0)
     """A fallen score that rises again within this distance was no fall."""
-    gap_m: float = Field(3.0, ge=0)
+    gap_m: float = Field(default=3.0, ge=0)
     """Distance after a junction was left within which no other is counted."""
 
     @model_validator(mode="after")
@@ -36,31 +36,31 @@ class TurnConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    yaw_gain_per_s: float = Field(1.6, gt=0, le=10)
+    yaw_gain_per_s: float = Field(default=1.6, gt=0, le=10)
     """Yaw rate per radian of error."""
-    yaw_rate_radps: float = Field(1.0, gt=0, le=5)
+    yaw_rate_radps: float = Field(default=1.0, gt=0, le=5)
     """Highest yaw rate that is asked for."""
-    tolerance_rad: float = Field(0.035, gt=0, le=0.2)
+    tolerance_rad: float = Field(default=0.035, gt=0, le=0.2)
     """Error at which the nominal angle is reached."""
-    search_rad: float = Field(0.785, ge=0, le=1.2)
+    search_rad: float = Field(default=0.785, ge=0, le=1.2)
     """How far around the nominal angle the next road may lie."""
-    settle_s: float = Field(0.7, ge=0)
+    settle_s: float = Field(default=0.7, ge=0)
     """Wait at the nominal angle for a road before searching."""
-    sweep_radps: float = Field(0.4, gt=0, le=2)
+    sweep_radps: float = Field(default=0.4, gt=0, le=2)
     """Speed of the search in place."""
-    sweep_step_rad: float = Field(0.12, gt=0, le=0.5)
+    sweep_step_rad: float = Field(default=0.12, gt=0, le=0.5)
     """A road seen in frames that disagree by more is no evidence yet."""
-    frames: int = Field(3, ge=1, le=50)
+    frames: int = Field(default=3, ge=1, le=50)
     """Frames in a row that must agree on the next road."""
-    aligned_rad: float = Field(0.21, gt=0, le=0.6)
+    aligned_rad: float = Field(default=0.21, gt=0, le=0.6)
     """Heading error against the next road at which the follower takes over."""
-    timeout_s: float = Field(20.0, gt=0)
+    timeout_s: float = Field(default=20.0, gt=0)
     """Time after which a turn without a road in sight holds."""
-    radius_m: float = Field(3.0, gt=0)
+    radius_m: float = Field(default=3.0, gt=0)
     """Radius of an arc, where the vehicle needs one and its own minimum is smaller."""
-    speed_mps: float = Field(1.5, gt=0)
+    speed_mps: float = Field(default=1.5, gt=0)
     """Forward speed on an arc."""
-    align_m: float = Field(5.0, gt=0)
+    align_m: float = Field(default=5.0, gt=0)
     """How far a vehicle that cannot turn in place drives on after its arc without seeing a road."""
 
 
@@ -77,27 +77,27 @@ class NavigatorConfig(BaseModel):
     """How turns are made."""
     road_source: Name = "vision"
     """The one follower that is obeyed."""
-    cruise_mps: float = Field(3.0, gt=0, le=20)
+    cruise_mps: float = Field(default=3.0, gt=0, le=20)
     """Highest forward speed."""
-    approach_mps: float = Field(2.0, gt=0, le=20)
+    approach_mps: float = Field(default=2.0, gt=0, le=20)
     """Highest forward speed towards a junction where a turn is planned."""
-    deceleration_mps2: float = Field(1.5, gt=0, le=10)
+    deceleration_mps2: float = Field(default=1.5, gt=0, le=10)
     """With which the robot brakes before it turns in place."""
-    velocity_lag_s: float = Field(0.35, ge=0, le=3)
+    velocity_lag_s: float = Field(default=0.35, ge=0, le=3)
     """Delay between a commanded and a reached speed."""
-    confidence: float = Field(0.3, ge=0, le=1)
+    confidence: float = Field(default=0.3, ge=0, le=1)
     """Least confidence with which a follower is obeyed."""
-    picture_age_s: float = Field(0.2, gt=0, le=5)
+    picture_age_s: float = Field(default=0.2, gt=0, le=5)
     """Oldest picture that may move the robot."""
-    vehicle_silence_s: float = Field(0.5, gt=0, le=10)
+    vehicle_silence_s: float = Field(default=0.5, gt=0, le=10)
     """Longest silence of the vehicle before the robot holds."""
-    crossing_width_m: float = Field(6.0, gt=0, le=50)
+    crossing_width_m: float = Field(default=6.0, gt=0, le=50)
     """Width of a crossing road, unless the follower measures the width of its own."""
-    corner_m: float = Field(3.0, ge=0, le=30)
+    corner_m: float = Field(default=3.0, ge=0, le=30)
     """Length by which the corners' radius widens a junction: the mouth lies this much before it."""
-    hold_before_m: float = Field(2.0, ge=0)
+    hold_before_m: float = Field(default=2.0, ge=0)
     """Distance before the mouth over which the held heading replaces the follower's steering."""
-    exit_margin_m: float = Field(1.5, ge=0)
+    exit_margin_m: float = Field(default=1.5, ge=0)
     """Distance behind a junction at which it has been left."""
-    blind_m: float = Field(8.0, gt=0)
+    blind_m: float = Field(default=8.0, gt=0)
     """How far behind a junction the robot goes on its held heading without seeing a road."""

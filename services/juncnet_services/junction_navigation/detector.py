@@ -7,6 +7,13 @@ from juncnet_services.junction_navigation.config import DetectorConfig
 from juncnet_services.junction_navigation.progress import Junction, Progress
 
 MAX_STEP_S = 0.5
+SPREAD = 0.15
+"""Standard deviation of a distance at which a score rises or falls, as a part of it."""
+LONGEST_DELAY = 0.1
+SHORTEST_SPAN = 0.45
+"""A score that falls after a smaller part of the band was lost, not passed."""
+MEASURED_CORRECTION, COMMANDED_CORRECTION = 0.25, 0.5
+LARGEST_SCALE = 0.25
 
 
 class JunctionDetector:
@@ -114,25 +121,49 @@ class JunctionDetector:
         return state.odometer_m < free_m
 
 
-def mouth_m(junction: Junction, band: JunctionBand, odometer_m: float) -> float:
+def mouth_m(junction: Junction, band: JunctionBand, odometer_m: float, telemetry: bool) -> float:
     """Return the odometer reading at which the junction's mouth is or will be reached.
 
     The mouth is `d_far` ahead where the score rises and `d_near` ahead where it falls. Both are
     weighed by their variance: 15 % of the distance, and 15 % of what was travelled since. While
     the score is high the mouth cannot be nearer than `d_near`, but a score that never falls delays
-    it by no more than a tenth of `d_far`.
+    it by no more than a tenth of `d_far`. `telemetry`: whether the odometer was measured.
     """
     rise_m = junction.rise_m + band.d_far_m
     if junction.fall_m is None:
-        latest_m = rise_m + 0.1 * band.d_far_m
+        latest_m = rise_m + LONGEST_DELAY * band.d_far_m
         return min(max(rise_m, odometer_m + band.d_near_m), latest_m)
-    fall_m = junction.fall_m + band.d_near_m
+    if not _plausible_fall(junction, band):
+        return rise_m
+    scale = odometer_scale(junction, band, telemetry)
+    fall_m = junction.fall_m + band.d_near_m * scale
     if not junction.rise_seen:
         return fall_m
-    if fall_m < rise_m - 0.45 * band.d_far_m:
-        return rise_m
     travelled_m = junction.fall_m - junction.rise_m
-    rise_variance = (0.15 * band.d_far_m) ** 2 + (0.15 * travelled_m) ** 2
-    fall_variance = (0.15 * band.d_near_m) ** 2
+    rise_variance = (SPREAD * band.d_far_m) ** 2 + (SPREAD * travelled_m) ** 2
+    fall_variance = (SPREAD * band.d_near_m) ** 2
     weight = rise_variance / (rise_variance + fall_variance)
     return weight * fall_m + (1 - weight) * rise_m
+
+
+def odometer_scale(junction: Junction, band: JunctionBand, telemetry: bool) -> float:
+    """Return how many odometer metres the robot needs for a metre, as far as the junction tells.
+
+    Between rise and fall lie `d_far - d_near` metres. That is no better known than a commanded
+    speed (both 20 %), so the mean of both is taken; a measured speed is trusted more.
+    """
+    if junction.fall_m is None or not junction.rise_seen or not _plausible_fall(junction, band):
+        return 1.0
+    ratio = (junction.fall_m - junction.rise_m) / (band.d_far_m - band.d_near_m)
+    trust = MEASURED_CORRECTION if telemetry else COMMANDED_CORRECTION
+    return min(max(1 + trust * (ratio - 1), 1 - LARGEST_SCALE), 1 + LARGEST_SCALE)
+
+
+def _plausible_fall(junction: Junction, band: JunctionBand) -> bool:
+    """Return whether the score stayed high for a distance that fits the camera."""
+    if junction.fall_m is None:
+        return False
+    if not junction.rise_seen:
+        return True
+    span_m = band.d_far_m - band.d_near_m
+    return junction.fall_m - junction.rise_m >= SHORTEST_SPAN * span_m

@@ -3,31 +3,30 @@
 import math
 from dataclasses import dataclass
 
-from juncnet.clocks import Instant, ReplayGate, age_s, is_stale
+from juncnet.clocks import Instant
 from juncnet.messages import (
     EventKind,
     JunctionEvent,
     JunctionScore,
     Mission,
     NavigationState,
-    Output,
     Phase,
     Reply,
     RoadCommand,
     Stamp,
-    Turn,
     VehicleState,
     Velocity,
 )
 from juncnet_services.junction_navigation import turning
 from juncnet_services.junction_navigation.config import NavigatorConfig
-from juncnet_services.junction_navigation.detector import JunctionDetector, mouth_m
+from juncnet_services.junction_navigation.detector import JunctionDetector
+from juncnet_services.junction_navigation.inputs import Inputs
 from juncnet_services.junction_navigation.odometry import Odometry
+from juncnet_services.junction_navigation.plan import JunctionPlan
 from juncnet_services.junction_navigation.progress import Progress, TurnProgress
 from juncnet_services.junction_navigation.speed import (
     NO_MOTION,
     blended,
-    braking_mps,
     feasible,
     scaled,
 )
@@ -35,6 +34,7 @@ from juncnet_services.junction_navigation.speed import (
 STANDING_MPS = 0.35
 AXIS_S = 0.5
 HOLD_YAW_RADPS = 0.5
+WIDTH_WEIGHT = 0.2
 
 
 @dataclass(frozen=True)
@@ -69,20 +69,13 @@ class Navigator:
         self.config = config
         self.progress = saved or Progress(flight=flight, configured=mission, mission=mission)
         self._blocked = blocked
-        self._band = config.camera.band
-        self._odometry = Odometry(self.progress, config.deceleration_mps2, saved is not None)
-        self._detector = JunctionDetector(config.detector, self._band, self.progress)
+        self._inputs = Inputs(config)
+        self._odometry = Odometry(config, self.progress, saved is not None)
+        self._detector = JunctionDetector(config.detector, config.camera.band, self.progress)
+        self._plan = JunctionPlan(config, self.progress)
         self._sight = turning.RoadSight(config.turn)
-        self._score_gate, self._road_gate = ReplayGate(), ReplayGate()
-        self._score: JunctionScore | None = None
-        self._road: RoadCommand | None = None
-        self._header: Stamp | None = None
-        self._vehicle: VehicleState | None = None
-        self._vehicle_ns = self._step_ns = 0
         self._elapsed_s = 0.0
-        self._half_width_m = config.crossing_width_m / 2
         self._events: list[JunctionEvent] = list(self.progress.events) if saved else []
-        self._refused: list[str] = []
         self._reason = ""
 
     def step(
@@ -93,25 +86,19 @@ class Navigator:
         vehicle: VehicleState | None = None,
     ) -> Decision:
         """Take what is new (None: nothing) and return what to do at `now`."""
-        self._refused = []
-        if vehicle is not None and vehicle != self._vehicle:
-            self._vehicle, self._vehicle_ns = vehicle, now.ns
-        self._elapsed_s = 0.0
-        if self._vehicle is not None and now.ns - self._vehicle_ns < self._silence_ns:
-            self._elapsed_s = self._odometry.advance(now.ns, self._vehicle)
+        if vehicle is not None:
+            self._inputs.accept_vehicle(now, vehicle)
+            self._plan.capabilities = vehicle.capabilities
+        live = self._inputs.live_vehicle(now)
+        self._elapsed_s = 0.0 if live is None else self._odometry.advance(now.ns, live)
         if score is not None:
             self._take_score(now, score)
         if road is not None:
             self._take_road(now, road)
-        self._reason = self._why_wait(now)
-        velocity = NO_MOTION if self._reason else self._drive()
-        if self._vehicle is not None:
-            rate = self.config.turn.yaw_rate_radps
-            velocity = feasible(velocity, self._vehicle.capabilities, rate)
-        events, self._events = tuple(self._events), []
-        if events:
-            self.progress.events = events
-        return Decision(self._header, velocity, self._state(), events, tuple(self._refused))
+        self._reason = self._blocked or self._inputs.why_hold(now)
+        wanted = NO_MOTION if self._reason else self._drive()
+        velocity = feasible(wanted, self._plan.capabilities, self.config.turn.yaw_rate_radps)
+        return self._decision(velocity)
 
     def set_mission(self, mission: Mission) -> Reply:
         """Begin `mission` with a count of 0, unless the robot is at a junction."""
@@ -132,19 +119,12 @@ class Navigator:
 
     # --- inputs ---
 
-    @property
-    def _silence_ns(self) -> int:
-        return round(self.config.vehicle_silence_s * 1e9)
-
     def _take_score(self, now: Instant, score: JunctionScore) -> None:
-        header = score.header
-        if not self._score_gate.accept(header.epoch, header.sequence):
-            self._refused.append(f"junction/score {header.epoch}/{header.sequence} is a replay")
+        if not self._inputs.accept_score(score):
             return
-        self._score = score
-        self._see(header)
-        edge = self._detector.smooth(header.time_ns, score.junction)
+        header = score.header
         time_ns = header.time_ns if header.clock == now.clock else now.ns
+        edge = self._detector.smooth(header.time_ns, score.junction)
         if edge is True:
             lag_ns = round(self._detector.rise_lag_s * 1e9)
             self._detector.risen(self._odometry.at(time_ns - lag_ns)[0], score.label)
@@ -154,36 +134,22 @@ class Navigator:
         self._detector.watch(score.label)
 
     def _take_road(self, now: Instant, road: RoadCommand) -> None:
+        previous = self._inputs.road
+        if not self._inputs.accept_road(road):
+            return
         header = road.header
-        if road.source != self.config.road_source:
-            wanted = self.config.road_source
-            self._refused.append(f"road/command of {road.source}: only {wanted} is obeyed")
-            return
-        if not self._road_gate.accept(header.epoch, header.sequence):
-            self._refused.append(f"road/command {header.epoch}/{header.sequence} is a replay")
-            return
-        previous_ns = self._road.header.time_ns if self._road is not None else header.time_ns
-        self._road = road
-        self._see(header)
-        time_ns = header.time_ns if header.clock == now.clock else now.ns
-        yaw = self._odometry.at(time_ns)[1]
+        yaw = self._odometry.at(header.time_ns if header.clock == now.clock else now.ns)[1]
         if self.progress.turn is not None:
             nominal = self.progress.turn.nominal_rad
             self._sight.look(road, yaw, nominal, self.config.confidence)
-        elif self._steered and road.confidence >= self.config.confidence:
-            self._learn_axis(road, yaw, (header.time_ns - previous_ns) / 1e9)
-
-    def _see(self, header: Stamp) -> None:
-        newest = self._header
-        order = (header.epoch, header.sequence)
-        if newest is None or order >= (newest.epoch, newest.sequence):
-            self._header = header
+        elif self._steered and self._inputs.road_visible and previous is not None:
+            self._learn_axis(road, yaw, (header.time_ns - previous.header.time_ns) / 1e9)
 
     @property
     def _steered(self) -> bool:
         """Whether the follower steers and no side arm misleads it."""
         if self.progress.phase is Phase.APPROACHING:
-            return self._mouth_ahead_m > self.config.hold_before_m
+            return self._plan.mouth_ahead_m > self.config.hold_before_m
         return self.progress.phase is Phase.FOLLOWING
 
     def _learn_axis(self, road: RoadCommand, yaw: float, elapsed_s: float) -> None:
@@ -195,27 +161,9 @@ class Navigator:
         weight = 1 - math.exp(-max(elapsed_s, 0.0) / AXIS_S)
         self.progress.axis_rad = axis + weight * (direction - axis)
         if road.road is not None:
-            measured = min(max(road.road.width_m, 3.0), 12.0)
-            self._half_width_m += 0.2 * weight * (measured / 2 - self._half_width_m)
+            self._plan.learn_width(road.road.width_m, WIDTH_WEIGHT * weight)
 
     # --- deciding ---
-
-    def _why_wait(self, now: Instant) -> str:
-        """Return why the robot must hold whatever it is doing; empty: nothing is missing."""
-        if self._blocked:
-            return self._blocked
-        if self._vehicle is None or now.ns - self._vehicle_ns >= self._silence_ns:
-            return "vehicle/state is silent"
-        limit_s = self.config.picture_age_s
-        for topic, newest in (("junction/score", self._score), ("road/command", self._road)):
-            if newest is None:
-                return f"no {topic} yet"
-            age = age_s(newest.header.instant, now)
-            if is_stale(age, limit_s):
-                return f"{topic} rests on a picture older than {limit_s} s"
-        if self._vehicle.output in (Output.LANDING, Output.EMERGENCY):
-            return f"the vehicle's output is {self._vehicle.output}"
-        return ""
 
     def _drive(self) -> Velocity:
         if self.progress.phase is Phase.WAITING:
@@ -245,28 +193,28 @@ class Navigator:
         return self._follow(limit)
 
     def _approaching(self) -> Velocity:
-        if self._mouth_ahead_m <= 0 or self._start_ahead_m <= 0:
+        if self._plan.mouth_ahead_m <= 0 or self._plan.start_ahead_m <= 0:
             self.progress.phase = Phase.CROSSING
             self._event(EventKind.ENTERED)
             return self._crossing()
-        steered = self._follow(self._speed_limit_mps)
+        steered = self._follow(self._plan.speed_limit_mps)
         held = self._hold_heading(steered.forward_mps)
         if self._reason or self.config.hold_before_m == 0:
             return steered
-        share = 1 - self._mouth_ahead_m / self.config.hold_before_m
+        share = 1 - self._plan.mouth_ahead_m / self.config.hold_before_m
         yaw_rate = blended(steered.yaw_rate_radps, held.yaw_rate_radps, share)
         return steered.model_copy(update={"yaw_rate_radps": yaw_rate})
 
     def _crossing(self) -> Velocity:
         state = self.progress
-        if not turning.is_straight(self._turn):
-            standing = self._radius_m > 0 or abs(state.speed_mps) <= STANDING_MPS
-            if self._start_ahead_m <= 0 and standing:
+        if not self._plan.straight:
+            standing = self._plan.radius_m > 0 or abs(state.speed_mps) <= STANDING_MPS
+            if self._plan.start_ahead_m <= 0 and standing:
                 self._begin_turn()
                 return self._turning()
-            return self._hold_heading(self._speed_limit_mps)
-        past_m = -self._mouth_ahead_m - 2 * self._reach_m - self.config.exit_margin_m
-        if past_m >= 0 and self._road_visible:
+            return self._hold_heading(self._plan.speed_limit_mps)
+        past_m = self._plan.past_m
+        if past_m >= 0 and self._inputs.road_visible:
             self._leave()
             return self._drive()
         if past_m >= self.config.blind_m:
@@ -276,8 +224,10 @@ class Navigator:
     def _begin_turn(self) -> None:
         state = self.progress
         axis = state.yaw_rad if state.axis_rad is None else state.axis_rad
-        nominal = axis + turning.angle_rad(self._turn)
-        state.turn = TurnProgress(turn=self._turn, nominal_rad=nominal, radius_m=self._radius_m)
+        nominal = axis + turning.angle_rad(self._plan.turn)
+        state.turn = TurnProgress(
+            turn=self._plan.turn, nominal_rad=nominal, radius_m=self._plan.radius_m
+        )
         state.phase = Phase.TURNING
         self._sight.reset()
         self._event(EventKind.TURN_STARTED)
@@ -316,7 +266,7 @@ class Navigator:
         state = self.progress
         self._event(EventKind.TURN_FINISHED)
         state.axis_rad = self._sight.agreed_rad
-        state.leave_m = state.odometer_m + self._reach_m + self.config.exit_margin_m
+        state.leave_m = state.odometer_m + self._plan.reach_m + self.config.exit_margin_m
         state.turn, state.phase = None, Phase.FOLLOWING
         return self._following()
 
@@ -336,7 +286,7 @@ class Navigator:
     def _finished(self) -> Velocity:
         return self._wait("the mission is finished")
 
-    # --- where and how fast ---
+    # --- velocities ---
 
     @property
     def _under_way(self) -> TurnProgress:
@@ -345,59 +295,13 @@ class Navigator:
             raise RuntimeError("a turn's phase without a turn")
         return turn
 
-    @property
-    def _turn(self) -> Turn:
-        return self.progress.mission.turn_at(max(self.progress.count, 1))
-
-    @property
-    def _radius_m(self) -> float:
-        if self._vehicle is None:
-            return 0.0
-        return turning.arc_radius_m(self.config.turn, self._vehicle.capabilities)
-
-    @property
-    def _reach_m(self) -> float:
-        """Distance between a junction's mouth and its centre."""
-        return self._half_width_m + self.config.corner_m
-
-    @property
-    def _mouth_ahead_m(self) -> float:
-        state = self.progress
-        if state.junction is None:
-            return math.inf
-        return mouth_m(state.junction, self._band, state.odometer_m) - state.odometer_m
-
-    @property
-    def _start_ahead_m(self) -> float:
-        """Distance to where the planned turn begins; infinite when none is planned."""
-        if turning.is_straight(self._turn):
-            return math.inf
-        tangent_m = turning.tangent_m(self._radius_m, turning.angle_rad(self._turn))
-        return self._mouth_ahead_m + self._reach_m - tangent_m
-
-    @property
-    def _speed_limit_mps(self) -> float:
-        config, turn = self.config, self.config.turn
-        if turning.is_straight(self._turn):
-            return config.cruise_mps
-        speed, lag_s = self.progress.speed_mps, config.velocity_lag_s
-        limit = braking_mps(self._start_ahead_m, speed, config.deceleration_mps2, lag_s)
-        if self._radius_m > 0:
-            limit = max(limit, turn.speed_mps)
-        return min(limit, config.approach_mps)
-
-    @property
-    def _road_visible(self) -> bool:
-        road = self._road
-        enough = self.config.confidence
-        return road is not None and road.velocity is not None and road.confidence >= enough
-
     def _follow(self, limit_mps: float) -> Velocity:
-        if self._road is None or self._road.velocity is None:
+        road = self._inputs.road
+        if road is None or road.velocity is None:
             return self._wait("the follower sees no road")
-        if not self._road_visible:
+        if not self._inputs.road_visible:
             return self._wait("the follower is not sure of the road")
-        return scaled(self._road.velocity, limit_mps)
+        return scaled(road.velocity, limit_mps)
 
     def _hold_heading(self, speed_mps: float) -> Velocity:
         state = self.progress
@@ -421,9 +325,16 @@ class Navigator:
 
     # --- outputs ---
 
+    def _decision(self, velocity: Velocity) -> Decision:
+        events, self._events = tuple(self._events), []
+        refused, self._inputs.refused = tuple(self._inputs.refused), []
+        if events:
+            self.progress.events = events
+        return Decision(self._inputs.header, velocity, self._state(), events, refused)
+
     def _event(self, kind: EventKind) -> None:
         state, junction = self.progress, self.progress.junction
-        header = self._header
+        header = self._inputs.header
         if header is None:
             return
         of_turn = kind in (EventKind.TURN_STARTED, EventKind.TURN_FINISHED)
@@ -436,7 +347,7 @@ class Navigator:
                 count=state.count,
                 label="junction" if junction is None else junction.label,
                 probability=state.smoothed if junction is None else junction.probability,
-                turn=self._turn if of_turn else None,
+                turn=self._plan.turn if of_turn else None,
             )
         )
         state.index += 1
@@ -445,7 +356,7 @@ class Navigator:
         state = self.progress
         planned = [t for t in state.mission.turns if t.at > state.count - self._at_junction]
         return NavigationState(
-            header=self._header,
+            header=self._inputs.header,
             flight=state.flight,
             phase=state.phase,
             count=state.count,

@@ -5,6 +5,7 @@ from bisect import bisect_left
 from collections import deque
 
 from juncnet.messages import Output, VehicleState
+from juncnet_services.junction_navigation.config import NavigatorConfig
 from juncnet_services.junction_navigation.progress import Progress
 
 HISTORY = 200
@@ -20,14 +21,16 @@ def wrapped(angle_rad: float) -> float:
 class Odometry:
     """Keeps `odometer_m`, `speed_mps`, `yaw_rad` and `position_m` of a `Progress` up to date.
 
-    Without telemetry the vehicle is taken to do what it was last told. A restart continues from the
+    Without telemetry the vehicle is taken to do what it was last told, its forward speed with its
+    lag. A restart continues from the
     saved readings: by the pose where there is one, else by the distance of a stop from the saved
     speed, because the output holds a robot whose navigator is gone.
     """
 
-    def __init__(self, progress: Progress, deceleration_mps2: float, resumed: bool) -> None:
+    def __init__(self, config: NavigatorConfig, progress: Progress, resumed: bool) -> None:
         self._progress = progress
-        self._deceleration = deceleration_mps2
+        self._deceleration = config.deceleration_mps2
+        self._lag_s = config.velocity_lag_s
         self._resumed = resumed
         self._newest_ns: int | None = None
         self._past: deque[tuple[int, float, float]] = deque(maxlen=HISTORY)
@@ -44,8 +47,11 @@ class Odometry:
         moving = vehicle.commanded
         if vehicle.capabilities.telemetry and vehicle.velocity is not None:
             moving = vehicle.velocity
-        state.speed_mps = moving.forward_mps
-        state.odometer_m += moving.forward_mps * elapsed_s
+            state.speed_mps = moving.forward_mps
+        else:
+            share = 1 - math.exp(-elapsed_s / max(self._lag_s, 1e-3))
+            state.speed_mps += share * (moving.forward_mps - state.speed_mps)
+        state.odometer_m += state.speed_mps * elapsed_s
         if vehicle.capabilities.telemetry and vehicle.yaw_rad is not None:
             state.yaw_rad += wrapped(vehicle.yaw_rad - state.yaw_rad)
         else:

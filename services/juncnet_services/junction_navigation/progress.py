@@ -17,7 +17,7 @@ class Junction(BaseModel):
     fall_m: float | None = None
     """Where the score fell; None while it is high."""
     label: Name = "junction"
-    probability: float = Field(0.0, ge=0, le=1)
+    probability: float = Field(default=0.0, ge=0, le=1)
     """Highest smoothed probability so far."""
 
 
@@ -29,11 +29,11 @@ class TurnProgress(BaseModel):
     turn: Turn
     nominal_rad: float
     """Yaw that the mission asks for."""
-    radius_m: float = Field(0.0, ge=0)
+    radius_m: float = Field(default=0.0, ge=0)
     """Of the arc; 0: in place."""
-    elapsed_s: float = Field(0.0, ge=0)
+    elapsed_s: float = Field(default=0.0, ge=0)
     """Time under way, holds not counted."""
-    aligning_s: float = Field(0.0, ge=0)
+    aligning_s: float = Field(default=0.0, ge=0)
     """Time since the nominal angle was reached, holds not counted."""
     aligning_from_m: float | None = None
     """Odometer reading when it was reached."""
@@ -49,8 +49,8 @@ class Progress(BaseModel):
     """The mission of the configuration: another one there means another mission here."""
     mission: Mission
     phase: Phase = Phase.WAITING
-    count: int = Field(0, ge=0)
-    index: int = Field(0, ge=0)
+    count: int = Field(default=0, ge=0)
+    index: int = Field(default=0, ge=0)
     """Of the next event."""
     events: tuple[JunctionEvent, ...] = ()
     """The latest events: published again after a restart, for they may not have left."""
@@ -60,7 +60,7 @@ class Progress(BaseModel):
     """Unwrapped."""
     position_m: tuple[float, float] | None = None
     """Of the vehicle's pose, where it has one."""
-    smoothed: float = Field(0.0, ge=0, le=1)
+    smoothed: float = Field(default=0.0, ge=0, le=1)
     high: bool = False
     candidate: Junction | None = None
     """A risen score that has not been counted."""

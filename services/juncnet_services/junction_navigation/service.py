@@ -7,11 +7,11 @@ are saved before their event is published; a restart in the same flight and miss
 import logging
 from threading import Lock
 
-from juncnet.launch import launch
 from pydantic import Field
 
 from juncnet.bus import Bus
 from juncnet.clocks import Instant
+from juncnet.launch import launch
 from juncnet.messages import Mission, Reply, SetMission, VelocityCommand
 from juncnet.topics import (
     COMMAND_VELOCITY,
@@ -35,7 +35,7 @@ log = logging.getLogger(__name__)
 class Config(NavigatorConfig):
     """The navigator's options and its mission."""
 
-    mission: str | Mission = Field("left_right")
+    mission: str | Mission = Field(default="left_right")
     """A path, the name of a file in deploy/missions, or the mission itself as a table."""
 
 

@@ -1,0 +1,84 @@
+"""What the navigator has been told, what of it is fresh, and what it refuses to obey."""
+
+from juncnet.clocks import Instant, ReplayGate, age_s, is_stale
+from juncnet.messages import JunctionScore, Output, RoadCommand, Stamp, VehicleState
+from juncnet_services.junction_navigation.config import NavigatorConfig
+
+
+class Inputs:
+    """The newest score, road command and vehicle state that were accepted."""
+
+    def __init__(self, config: NavigatorConfig) -> None:
+        self._config = config
+        self._scores, self._roads = ReplayGate(), ReplayGate()
+        self._vehicle_ns = 0
+        self.score: JunctionScore | None = None
+        self.road: RoadCommand | None = None
+        self.vehicle: VehicleState | None = None
+        self.header: Stamp | None = None
+        """Of the newest frame."""
+        self.refused: list[str] = []
+        """What was not accepted, and why; for the caller to take."""
+
+    def accept_score(self, score: JunctionScore) -> bool:
+        """Return whether the score is news, and keep it then."""
+        header = score.header
+        if not self._scores.accept(header.epoch, header.sequence):
+            self.refused.append(f"junction/score {header.epoch}/{header.sequence} is a replay")
+            return False
+        self.score = score
+        self._see(header)
+        return True
+
+    def accept_road(self, road: RoadCommand) -> bool:
+        """Return whether the road command is news from the configured source; keep it then."""
+        header = road.header
+        if road.source != self._config.road_source:
+            wanted = self._config.road_source
+            self.refused.append(f"road/command of {road.source}: only {wanted} is obeyed")
+            return False
+        if not self._roads.accept(header.epoch, header.sequence):
+            self.refused.append(f"road/command {header.epoch}/{header.sequence} is a replay")
+            return False
+        self.road = road
+        self._see(header)
+        return True
+
+    def accept_vehicle(self, now: Instant, vehicle: VehicleState) -> None:
+        """Keep a vehicle state; its age counts from its arrival, whatever clock stamped it."""
+        if vehicle != self.vehicle:
+            self.vehicle, self._vehicle_ns = vehicle, now.ns
+
+    def live_vehicle(self, now: Instant) -> VehicleState | None:
+        """Return the vehicle state, None when it has been silent for too long."""
+        silence_s = (now.ns - self._vehicle_ns) / 1e9
+        return self.vehicle if silence_s < self._config.vehicle_silence_s else None
+
+    def why_hold(self, now: Instant) -> str:
+        """Return what is missing, for which the robot must hold; empty: nothing."""
+        vehicle = self.live_vehicle(now)
+        if vehicle is None:
+            return "vehicle/state is silent"
+        limit_s = self._config.picture_age_s
+        for topic, newest in (("junction/score", self.score), ("road/command", self.road)):
+            if newest is None:
+                return f"no {topic} yet"
+            if is_stale(age_s(newest.header.instant, now), limit_s):
+                return f"{topic} rests on a picture older than {limit_s} s"
+        if vehicle.output in (Output.LANDING, Output.EMERGENCY):
+            return f"the vehicle's output is {vehicle.output}"
+        return ""
+
+    @property
+    def road_visible(self) -> bool:
+        """Whether the follower sees a road and is sure enough of it."""
+        road = self.road
+        if road is None or road.velocity is None:
+            return False
+        return road.confidence >= self._config.confidence
+
+    def _see(self, header: Stamp) -> None:
+        newest = self.header
+        order = (header.epoch, header.sequence)
+        if newest is None or order >= (newest.epoch, newest.sequence):
+            self.header = header

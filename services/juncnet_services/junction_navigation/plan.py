@@ -1,0 +1,89 @@
+"""Where the junction ahead is, where its turn begins, and how fast to get there."""
+
+import math
+
+from juncnet.messages import Capabilities, Turn
+from juncnet_services.junction_navigation import turning
+from juncnet_services.junction_navigation.config import NavigatorConfig
+from juncnet_services.junction_navigation.detector import mouth_m, odometer_scale
+from juncnet_services.junction_navigation.progress import Progress
+from juncnet_services.junction_navigation.speed import braking_mps
+
+NARROWEST_M, WIDEST_M = 3.0, 12.0
+
+
+class JunctionPlan:
+    """Distances (metres, ahead positive, by the odometer) and speeds for the counted junction."""
+
+    def __init__(self, config: NavigatorConfig, progress: Progress) -> None:
+        self._config, self._progress = config, progress
+        self._band = config.camera.band
+        self.capabilities = Capabilities()
+        self._width_m = config.crossing_width_m
+
+    def learn_width(self, width_m: float, weight: float) -> None:
+        """Take the width of the robot's road as a guess of the crossing one's; `weight` 0..1."""
+        measured = min(max(width_m, NARROWEST_M), WIDEST_M)
+        self._width_m += weight * (measured - self._width_m)
+
+    @property
+    def turn(self) -> Turn:
+        """What to do at the counted junction."""
+        return self._progress.mission.turn_at(max(self._progress.count, 1))
+
+    @property
+    def straight(self) -> bool:
+        """Whether the robot crosses the counted junction on its heading."""
+        return turning.is_straight(self.turn)
+
+    @property
+    def radius_m(self) -> float:
+        """Of the vehicle's arcs; 0: it turns in place."""
+        return turning.arc_radius_m(self._config.turn, self.capabilities)
+
+    @property
+    def reach_m(self) -> float:
+        """Between a junction's mouth and its centre: half the crossing road and the corner."""
+        true_m = self._width_m / 2 + self._config.corner_m
+        junction = self._progress.junction
+        if junction is None:
+            return true_m
+        return true_m * odometer_scale(junction, self._band, self.capabilities.telemetry)
+
+    @property
+    def mouth_ahead_m(self) -> float:
+        """Distance to the mouth; infinite without a junction."""
+        state = self._progress
+        if state.junction is None:
+            return math.inf
+        mouth = mouth_m(state.junction, self._band, state.odometer_m, self.capabilities.telemetry)
+        return mouth - state.odometer_m
+
+    @property
+    def start_ahead_m(self) -> float:
+        """Distance to where the planned turn begins; infinite when none is planned."""
+        if self.straight:
+            return math.inf
+        tangent_m = turning.tangent_m(self.radius_m, turning.angle_rad(self.turn))
+        return self.mouth_ahead_m + self.reach_m - tangent_m
+
+    @property
+    def past_m(self) -> float:
+        """How far the robot is behind the junction's far side, which a straight crossing leaves."""
+        return -self.mouth_ahead_m - 2 * self.reach_m - self._config.exit_margin_m
+
+    @property
+    def speed_limit_mps(self) -> float:
+        """Highest speed towards the counted junction."""
+        config = self._config
+        if self.straight:
+            return config.cruise_mps
+        limit = braking_mps(
+            self.start_ahead_m,
+            self._progress.speed_mps,
+            config.deceleration_mps2,
+            config.velocity_lag_s,
+        )
+        if self.radius_m > 0:
+            limit = max(limit, config.turn.speed_mps)
+        return min(limit, config.approach_mps, config.cruise_mps)
