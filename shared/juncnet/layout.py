@@ -1,8 +1,10 @@
 """A layout: which processes run on this host, and the options of each, from one TOML file.
 
+extends = "local.toml"    # another layout beside it, whose tables this one changes
 processes = ["frame_capture", ...]
 [launch]            # robot, state_dir, log_level
 [bus]               # frames
+[shared]            # options for every process that has an option of that name
 [frame_capture]     # one table a process, validated by that service's own Config
 """
 
@@ -12,7 +14,7 @@ import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, cast
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -56,6 +58,8 @@ class Layout(BaseModel):
     processes: tuple[str, ...] = Field(min_length=1)
     launch: LaunchOptions
     bus: BusOptions
+    shared: dict[str, Any]
+    """Options for every process that has an option of that name and does not set it itself."""
     sections: dict[str, dict[str, Any]]
 
     @property
@@ -70,7 +74,9 @@ class Layout(BaseModel):
         Raises:
             LayoutError: they do not fit `config`.
         """
-        return _validated(self.path, service, config, self.sections.get(service, {}))
+        shared = {k: v for k, v in self.shared.items() if k in config.model_fields}
+        own = self.sections.get(service, {})
+        return _validated(self.path, service, config, _merged(shared, own))
 
     def validate_all(self) -> None:
         """Check every section against its service's Config.
@@ -79,11 +85,15 @@ class Layout(BaseModel):
             LayoutError: all problems, one a line.
         """
         problems: list[str] = []
+        unused = set(self.shared)
         for service in self.processes:
             try:
-                self.section(service, service_config(service))
+                config = service_config(service)
+                unused -= set(config.model_fields)
+                self.section(service, config)
             except (LayoutError, ImportError) as error:
                 problems.append(str(error))
+        problems += [f"{self.path}: [shared] {name}: no process has it" for name in sorted(unused)]
         if problems:
             raise LayoutError("\n".join(problems))
 
@@ -101,14 +111,11 @@ def load_layout(path: Path, settings: Sequence[str] = ()) -> Layout:
     Raises:
         LayoutError: the file cannot be read, or has unknown sections or options.
     """
-    try:
-        tables: dict[str, Any] = tomllib.loads(path.read_text())
-    except (OSError, tomllib.TOMLDecodeError) as error:
-        raise LayoutError(f"{path}: {error}") from error
+    tables = _tables(path)
     for setting in settings:
         _apply(tables, setting)
     processes = tables.pop("processes", [])
-    known = ["launch", "bus", *processes]
+    known = ["launch", "bus", "shared", *processes]
     for name, table in tables.items():
         if name not in known:
             raise LayoutError(f"{path}: [{name}] is no process of this layout{_hint(name, known)}")
@@ -116,8 +123,28 @@ def load_layout(path: Path, settings: Sequence[str] = ()) -> Layout:
             raise LayoutError(f"{path}: {name} = ... must be a section [{name}]")
     launch = _validated(path, "launch", LaunchOptions, tables.pop("launch", {}))
     bus = _validated(path, "bus", BusOptions, tables.pop("bus", {}))
+    shared = tables.pop("shared", {})
     fields = {"path": path, "processes": processes, "launch": launch, "bus": bus}
-    return _validated(path, "", Layout, fields | {"sections": tables})
+    return _validated(path, "", Layout, fields | {"shared": shared, "sections": tables})
+
+
+def _tables(path: Path) -> dict[str, Any]:
+    try:
+        tables: dict[str, Any] = tomllib.loads(path.read_text())
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        raise LayoutError(f"{path}: {error}") from error
+    base = tables.pop("extends", None)
+    return tables if base is None else _merged(_tables(path.parent / str(base)), tables)
+
+
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Return `base` with `changes` laid over it, tables within tables too."""
+    result = dict(base)
+    for key, value in changes.items():
+        if isinstance(result.get(key), dict) and isinstance(value, dict):
+            value = _merged(result[key], cast("dict[str, Any]", value))
+        result[key] = value
+    return result
 
 
 def _apply(tables: dict[str, Any], setting: str) -> None:
