@@ -1,4 +1,4 @@
-"""`juncnet stop | land | resume | emergency`: an operator's order, and how fast it was confirmed."""
+"""`juncnet stop | land | resume | emergency`: an operator's order and its confirmation."""
 
 import argparse
 import getpass

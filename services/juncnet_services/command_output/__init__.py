@@ -1,0 +1,1 @@
+"""Obeys operator and pipeline on the vehicle's behalf: limits, watchdog, guard, stop latch."""

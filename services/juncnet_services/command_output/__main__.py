@@ -1,0 +1,3 @@
+from juncnet_services.command_output.service import main
+
+main()

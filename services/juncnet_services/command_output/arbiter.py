@@ -1,0 +1,260 @@
+"""Who is obeyed: pure. Emergency > stop > landing > manual > pipeline > hold.
+
+An accepted velocity lives until the earliest of: `command_life_s` after its acceptance,
+`MAX_COMMAND_AGE_S` after it was issued, `picture_age_s` after its picture was captured. Then the
+robot holds. `command_life_s` is 0.15 s, so that 50 ms of the 0.2 s remain for the tick of the loop
+(10 ms), for a busy machine, and for the guard process behind it (`GUARD_MARGIN_S`).
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from juncnet.clocks import (
+    MAX_COMMAND_AGE_S,
+    NS_PER_S,
+    Instant,
+    Offset,
+    ReplayGate,
+    age_s,
+    is_stale,
+)
+from juncnet.messages import Output, Override, OverrideKind, Stamp, Velocity, VelocityCommand
+
+GUARD_MARGIN_S = 0.02
+"""How long after the end of a command's life the guard holds, should this process not have."""
+MAX_ORDER_AGE_S = 2.0
+"""Orders other than hold that are known to be older than this are refused."""
+MAX_OPERATORS = 64
+
+
+class Rules(BaseModel):
+    """What is obeyed, and for how long."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    picture_age_s: float = Field(default=0.2, gt=0, le=5)
+    """Oldest picture (captured to vehicle) that may move the robot: 0.2 local, 0.6 over WiFi."""
+    command_life_s: float = Field(default=0.15, gt=0, le=0.15)
+    """How long an accepted velocity is obeyed before the robot holds."""
+    loss_latch_s: float = Field(default=5.0, gt=0, le=60)
+    """A loss of commands longer than this is ended by an operator only."""
+
+
+class LatchKind(StrEnum):
+    """Why the robot is stopped until an operator resumes."""
+
+    HOLD = "hold"
+    LAND = "land"
+    EMERGENCY = "emergency"
+    LOSS = "loss"
+
+
+class Latched(BaseModel):
+    """A stop that lasts until an operator resumes."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: LatchKind
+    reason: str = Field(max_length=1000)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the vehicle shall do now: `velocity`, before limits, until `ends`."""
+
+    output: Output
+    reason: str
+    velocity: Velocity = field(default_factory=Velocity)
+    ends: Instant | None = None
+
+    @property
+    def moving(self) -> bool:
+        """Whether `velocity` is obeyed; otherwise the vehicle brakes."""
+        return self.output in (Output.PIPELINE, Output.MANUAL)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether an operator's order is obeyed, and why or why not."""
+
+    accepted: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Alive:
+    velocity: Velocity
+    ends: Instant
+
+
+class Arbiter:
+    """Decides between operator and pipeline; all times are on the clock of this process.
+
+    `latched`: the stop found on disk. `last_accepted`: when a predecessor in this flight last
+    accepted a velocity; None before the first of the flight, when nothing can be lost yet.
+    `offsets`: measured offsets of other hosts' clocks, by clock.
+    """
+
+    def __init__(
+        self,
+        rules: Rules,
+        latched: Latched | None = None,
+        last_accepted: Instant | None = None,
+        offsets: Mapping[str, Offset] | None = None,
+    ) -> None:
+        self.rules = rules
+        self.latched = latched
+        self.last_accepted = last_accepted
+        self.refused: Counter[str] = Counter()
+        self._offsets = offsets or {}
+        self._manual: _Alive | None = None
+        self._pipeline: _Alive | None = None
+        self._gate = ReplayGate()
+        self._operators: dict[str, ReplayGate] = {}
+        self._cut = False
+
+    def command(self, command: VelocityCommand, now: Instant) -> str | None:
+        """Take a velocity of the pipeline; return why it is refused, None when it is accepted."""
+        issued, picture = self._age(command.issued, now), self._age(command.header, now)
+        reason = (
+            _stale("command", issued, MAX_COMMAND_AGE_S)
+            or _stale("picture", picture, self.rules.picture_age_s)
+            or self._replay(self._gate, command.issued)
+        )
+        if reason is not None or issued is None or picture is None:
+            reason = reason or "command_age_unknown"
+            self.refused[reason] += 1
+            return reason
+        left_s = min(MAX_COMMAND_AGE_S - issued, self.rules.picture_age_s - picture)
+        self._pipeline = self._accept(command.velocity, now, left_s)
+        return None
+
+    def override(self, order: Override, now: Instant) -> Verdict:
+        """Take an operator's order; return whether it is obeyed.
+
+        A hold is obeyed whatever its age, clock or sequence: to stop once too often is safe. All
+        others are refused when repeated. Resume and manual need a known, fresh age; land and
+        emergency are refused only when known to be old. A manual velocity is refused while
+        the robot is stopped: stop wins, so the operator resumes first.
+        """
+        match order.kind:
+            case OverrideKind.HOLD:
+                self._newer(order)
+                self._latch(LatchKind.HOLD, f"held by {order.operator}")
+                return Verdict(True, "holding until resumed")
+            case OverrideKind.LAND | OverrideKind.EMERGENCY:
+                return self._end_flight(order, now)
+            case OverrideKind.RESUME:
+                return self._resume(order, now)
+            case OverrideKind.MANUAL:
+                return self._fly_manually(order, now)
+
+    def step(self, now: Instant) -> Decision:
+        """Return what the vehicle shall do at `now`; latches a loss that has lasted too long."""
+        self._manual = _living(self._manual, now)
+        self._pipeline = _living(self._pipeline, now)
+        if self.latched is None and self._loss_s(now) > self.rules.loss_latch_s:
+            reason = f"no command accepted for {self.rules.loss_latch_s:g} s: an operator resumes"
+            self._latch(LatchKind.LOSS, reason)
+        if self._cut:
+            return Decision(Output.EMERGENCY, "motors cut by an operator")
+        if self.latched is not None:
+            landing = self.latched.kind is LatchKind.LAND
+            return Decision(Output.LANDING if landing else Output.STOPPED, self.latched.reason)
+        if self._manual is not None:
+            return Decision(Output.MANUAL, "manual", self._manual.velocity, self._manual.ends)
+        if self._pipeline is not None:
+            return Decision(Output.PIPELINE, "", self._pipeline.velocity, self._pipeline.ends)
+        waiting = "no command yet" if self.last_accepted is None else "no fresh command"
+        return Decision(Output.HOLD, waiting)
+
+    def _end_flight(self, order: Override, now: Instant) -> Verdict:
+        age = self._age(order.issued, now)
+        if age is not None and age > MAX_ORDER_AGE_S:
+            return Verdict(False, f"{order.kind} is {age:.1f} s old, at most {MAX_ORDER_AGE_S:g}")
+        if not self._newer(order):
+            return Verdict(False, f"{order.kind} is a repeat, or older than another order")
+        if order.kind is OverrideKind.LAND:
+            self._latch(LatchKind.LAND, f"landing for {order.operator}")
+            return Verdict(True, "landing; stopped until resumed")
+        self._cut = True
+        self._latch(LatchKind.EMERGENCY, f"motors cut by {order.operator}")
+        return Verdict(True, "motors cut; stopped until resumed")
+
+    def _resume(self, order: Override, now: Instant) -> Verdict:
+        refusal = self._refusal(order, now, MAX_ORDER_AGE_S)
+        if refusal is not None:
+            return refusal
+        was = "was not stopped" if self.latched is None else f"was: {self.latched.reason}"
+        self.latched, self._cut = None, False
+        self._manual = self._pipeline = None
+        if self.last_accepted is not None:
+            self.last_accepted = now
+        return Verdict(True, f"obeying commands again ({was})")
+
+    def _fly_manually(self, order: Override, now: Instant) -> Verdict:
+        refusal = self._refusal(order, now, MAX_COMMAND_AGE_S)
+        if refusal is not None:
+            return refusal
+        if self.latched is not None or self._loss_s(now) > self.rules.loss_latch_s:
+            return Verdict(False, "stopped: resume first")
+        age = self._age(order.issued, now)
+        if order.velocity is None or age is None:
+            return Verdict(False, "there is no velocity, or its age is unknown")
+        self._manual = self._accept(order.velocity, now, MAX_COMMAND_AGE_S - age)
+        return Verdict(True, "manual")
+
+    def _refusal(self, order: Override, now: Instant, limit_s: float) -> Verdict | None:
+        reason = _stale("order", self._age(order.issued, now), limit_s)
+        if reason is None and not self._newer(order):
+            reason = "a repeat, or older than another order"
+        return None if reason is None else Verdict(False, f"{order.kind} refused: {reason}")
+
+    def _accept(self, velocity: Velocity, now: Instant, left_s: float) -> _Alive:
+        if self._loss_s(now) <= self.rules.loss_latch_s:
+            self.last_accepted = now
+        life_ns = int(min(self.rules.command_life_s, left_s) * NS_PER_S)
+        return _Alive(velocity, Instant(now.ns + life_ns, now.clock))
+
+    def _loss_s(self, now: Instant) -> float:
+        """Seconds since the last acceptance, infinite when they cannot be known."""
+        if self.last_accepted is None:
+            return 0.0
+        age = age_s(self.last_accepted, now)
+        return float("inf") if age is None else age
+
+    def _age(self, stamp: Stamp, now: Instant) -> float | None:
+        return age_s(stamp.instant, now, self._offsets.get(stamp.clock))
+
+    def _newer(self, order: Override) -> bool:
+        """Whether `order` is newer than all of its operator before; remembers it."""
+        if order.operator not in self._operators and len(self._operators) >= MAX_OPERATORS:
+            del self._operators[next(iter(self._operators))]
+        gate = self._operators.setdefault(order.operator, ReplayGate())
+        return gate.accept(order.issued.epoch, order.issued.sequence)
+
+    @staticmethod
+    def _replay(gate: ReplayGate, issued: Stamp) -> str | None:
+        return None if gate.accept(issued.epoch, issued.sequence) else "command_replayed"
+
+    def _latch(self, kind: LatchKind, reason: str) -> None:
+        self.latched = Latched(kind=kind, reason=reason)
+        self._manual = self._pipeline = None
+
+
+def _stale(what: str, age: float | None, limit_s: float) -> str | None:
+    """Return why something of this age is refused, as a counter's name; None: it is not."""
+    if age is None:
+        return f"{what}_age_unknown"
+    return f"{what}_stale" if is_stale(age, limit_s) else None
+
+
+def _living(alive: _Alive | None, now: Instant) -> _Alive | None:
+    """Return `alive` while its life lasts; not on a clock that is not its own."""
+    if alive is None or alive.ends.clock != now.clock or now.ns >= alive.ends.ns:
+        return None
+    return alive

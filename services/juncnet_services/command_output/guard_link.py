@@ -1,0 +1,112 @@
+"""command_output's end of the guard: starts it, keeps it informed, starts it again if it dies."""
+
+import base64
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from juncnet.clocks import NS_PER_S
+from juncnet_services.command_output import guard
+from juncnet_services.command_output.vehicles import Hold
+
+OWNER = "vehicle-owner"
+PERIOD_S = 0.05
+LINGER_S = 10.0
+"""How long the guard of a dead command_output holds: longer than a supervisor's restart takes."""
+RESTART_S = 0.5
+
+
+class GuardLink:
+    """A running guard for the vehicle whose hold packets are `hold`.
+
+    Opening it takes the vehicle over from the guard of a dead predecessor in `directory`. Leaving
+    it by an exception leaves the guard holding; leaving it in order ends the guard.
+    `hold` None (a vehicle without a link): there is nothing to guard.
+    """
+
+    def __init__(self, hold: Hold | None, directory: Path) -> None:
+        self.restarts = 0
+        self._hold = hold
+        self._owner = directory / OWNER
+        self._token = f"{os.getpid()} {time.time_ns()}"
+        self._started_ns = 0
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Self:
+        temporary = self._owner.with_suffix(".new")
+        temporary.write_text(self._token)
+        temporary.replace(self._owner)
+        if self._hold is not None:
+            self._start(self._hold)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._process is None or self._process.stdin is None:
+            return
+        if kind is None:
+            self._write(guard.BYE)
+        self._process.stdin.close()
+        if kind is None:
+            self._process.wait(5.0)
+
+    @property
+    def pid(self) -> int | None:
+        """Process id of the guard; None where there is none."""
+        return None if self._process is None else self._process.pid
+
+    def beat(self, hold_in_s: float) -> None:
+        """Have the guard hold in `hold_in_s`, unless it hears from us before; never blocks."""
+        if self._hold is None:
+            return
+        now_ns = time.monotonic_ns()
+        if self._process is None or self._process.poll() is not None:
+            if now_ns - self._started_ns < RESTART_S * NS_PER_S:
+                return
+            self.restarts += 1
+            self._start(self._hold)
+        self._write(str(now_ns + int(hold_in_s * NS_PER_S)).encode())
+
+    def _start(self, hold: Hold) -> None:
+        order = {
+            "packets": [base64.b64encode(packet).decode() for packet in hold.packets],
+            "address": hold.address,
+            "link": hold.link,
+            "owner": str(self._owner.absolute()),
+            "token": self._token,
+            "period_s": PERIOD_S,
+            "linger_s": LINGER_S,
+        }
+        if self._process is not None and self._process.stdin is not None:
+            self._process.stdin.close()
+        self._started_ns = time.monotonic_ns()
+        self._process = subprocess.Popen(
+            [sys.executable, "-I", "-S", guard.__file__],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            pass_fds=(hold.link,),
+            start_new_session=True,
+            bufsize=0,
+            cwd="/",
+        )
+        self._write(json.dumps(order).encode())
+        if self._process.stdin is not None:
+            os.set_blocking(self._process.stdin.fileno(), False)
+
+    def _write(self, line: bytes) -> None:
+        """Write a line; when the pipe is full or broken the guard acts on its last deadline."""
+        if self._process is None or self._process.stdin is None:
+            return
+        try:
+            os.write(self._process.stdin.fileno(), line + b"\n")
+        except (BlockingIOError, BrokenPipeError):
+            return

@@ -1,0 +1,123 @@
+"""The seam of vehicles: what a driver does, and how the configured one is found.
+
+A driver is one file here, or a class `package.module:Class` from anywhere: it has `Options` (its
+pydantic model) and is made with `(options, flight_dir)`. It converts units and axes, in that one
+place. Nothing outside of it knows its name.
+"""
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, cast
+
+from pydantic import BaseModel, ConfigDict
+
+from juncnet.messages import Capabilities, GeoPoint, Pose, Velocity
+
+SHIPPED = {
+    "simulated": "juncnet_services.command_output.vehicles.simulated:SimulatedVehicle",
+    "log": "juncnet_services.command_output.vehicles.log:LogVehicle",
+}
+
+
+class DriverOptions(BaseModel):
+    """Base of a driver's options: frozen, a mistyped option is an error that names it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Ready hold packets and where they go, for the guard process.
+
+    `link`: descriptor of the socket that the driver itself sends on. `address`: as `sendto` takes
+    it; None for a connected socket. `packets` are sent in turn, over and over: a protocol that
+    numbers its packets gives one for each number.
+    """
+
+    link: int
+    address: str | tuple[str, int] | None
+    packets: tuple[bytes, ...]
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """What a vehicle measures; None: not known."""
+
+    yaw_rad: float | None = None
+    velocity: Velocity | None = None
+    pose: Pose | None = None
+    gps: GeoPoint | None = None
+    battery: float | None = None
+    flying: bool = True
+
+
+class Vehicle(Protocol):
+    """A driver. Calls never block; a link that is down is survived, counted, and comes back."""
+
+    Options: ClassVar[type[DriverOptions]]
+
+    def __init__(self, options: Any, flight_dir: Path) -> None: ...
+
+    @property
+    def capabilities(self) -> Capabilities: ...
+
+    @property
+    def send_failures(self) -> int:
+        """Setpoints that could not be sent since the start."""
+        ...
+
+    def send(self, velocity: Velocity, brake: bool) -> None:
+        """Send a setpoint, within all limits; called at 25 Hz and on every change.
+
+        `brake`: this is a hold. The vehicle shall come to rest and stay there; `velocity` is where
+        it is on its way to rest, for vehicles that have no hold of their own.
+        """
+        ...
+
+    def land(self) -> None:
+        """Land, or stop where it is on the ground; called at 25 Hz while landing."""
+        ...
+
+    def emergency(self) -> None:
+        """Cut the motors; called at 25 Hz after an operator's emergency."""
+        ...
+
+    def hold(self) -> Hold | None:
+        """Return what the guard needs; None where there is no link to guard."""
+        ...
+
+    def telemetry(self, max_age_s: float) -> Telemetry | None:
+        """Return the newest measurement; None when it came longer than `max_age_s` ago."""
+        ...
+
+    def close(self) -> None:
+        """Give the link up."""
+        ...
+
+
+def driver(name: str) -> type[Vehicle]:
+    """Return the class of the driver `name`: a shipped one, or `package.module:Class`.
+
+    Raises:
+        ValueError: there is no such driver; the text says why.
+    """
+    module, _, attribute = SHIPPED.get(name, name).partition(":")
+    if not attribute:
+        known = ", ".join(SHIPPED)
+        raise ValueError(f"no vehicle {name!r}: use {known} or package.module:Class")
+    try:
+        return cast("type[Vehicle]", getattr(importlib.import_module(module), attribute))
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"vehicle {name!r} cannot be loaded: {error}") from error
+
+
+def open_vehicle(name: str, options: Mapping[str, Any], flight_dir: Path) -> Vehicle:
+    """Return the driver `name`, made with its validated `options`.
+
+    Raises:
+        ValueError: no such driver, or options that it refuses (pydantic's error names them).
+    """
+    found = driver(name)
+    return found(found.Options.model_validate(options), flight_dir)

@@ -1,0 +1,127 @@
+"""The simulated drone or rover: JSON datagrams over a UNIX socket in the flight's directory."""
+
+import json
+import os
+import socket
+import time
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from juncnet.clocks import NS_PER_S
+from juncnet.messages import Capabilities, Pose, Velocity
+from juncnet_services.command_output.vehicles import DriverOptions, Hold, Telemetry
+
+VEHICLE_SOCKET = "vehicle.sock"
+CLIENT_SOCKET = "vehicle-client-{pid}.sock"
+LANDING_MPS = -0.5
+MAX_DATAGRAM = 65536
+
+
+class SimulatedOptions(DriverOptions):
+    """Options of the vehicle `simulated`."""
+
+    kind: Literal["copter", "rover"] = "copter"
+    telemetry: bool = True
+    """False: fly as a vehicle would that measures nothing; navigation goes by time."""
+
+
+class SimulatedVehicle:
+    """The vehicle whose simulator listens in `flight_dir`; it may die and come back."""
+
+    Options: ClassVar[type[DriverOptions]] = SimulatedOptions
+
+    def __init__(self, options: SimulatedOptions, flight_dir: Path) -> None:
+        copter = options.kind == "copter"
+        self.capabilities = Capabilities(
+            kind=options.kind,
+            lateral=copter,
+            vertical=copter,
+            turns_in_place=copter,
+            minimum_radius_m=0.0 if copter else 2.5,
+            telemetry=options.telemetry,
+        )
+        self.send_failures = 0
+        self._address = str(flight_dir / VEHICLE_SOCKET)
+        self._own = flight_dir / CLIENT_SOCKET.format(pid=os.getpid())
+        self._newest: Telemetry | None = None
+        self._newest_ns = 0
+        _remove_dead(flight_dir)
+        self._own.unlink(missing_ok=True)
+        self._link = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._link.setblocking(False)
+        self._link.bind(str(self._own))
+        self._send(json.dumps({"type": "hello"}).encode())
+
+    def send(self, velocity: Velocity, brake: bool) -> None:
+        self._send(_setpoint(velocity, brake))
+
+    def land(self) -> None:
+        down = LANDING_MPS if self.capabilities.vertical else 0.0
+        self._send(_setpoint(Velocity(vertical_mps=down), brake=not self.capabilities.vertical))
+
+    def emergency(self) -> None:
+        """Send what is nearest to a motor cut on a vehicle that has no motors: a hold."""
+        self._send(_setpoint(Velocity(), brake=True))
+
+    def hold(self) -> Hold | None:
+        return Hold(self._link.fileno(), self._address, (_setpoint(Velocity(), brake=True),))
+
+    def telemetry(self, max_age_s: float) -> Telemetry | None:
+        datagram = self._drain()
+        now_ns = time.monotonic_ns()
+        if datagram is not None and self.capabilities.telemetry:
+            self._newest, self._newest_ns = _telemetry(datagram), now_ns
+        return self._newest if now_ns - self._newest_ns <= max_age_s * NS_PER_S else None
+
+    def close(self) -> None:
+        self._link.close()
+        self._own.unlink(missing_ok=True)
+
+    def _send(self, datagram: bytes) -> None:
+        """Send, or count it: no simulator, one that is starting, or one that does not read."""
+        try:
+            self._link.sendto(datagram, self._address)
+        except OSError:
+            self.send_failures += 1
+
+    def _drain(self) -> bytes | None:
+        """Return the newest datagram that waits, None if none does."""
+        newest = None
+        while True:
+            try:
+                newest = self._link.recv(MAX_DATAGRAM)
+            except OSError:
+                return newest
+
+
+def _setpoint(velocity: Velocity, brake: bool) -> bytes:
+    fields = {"type": "setpoint", **velocity.model_dump(), "brake": brake}
+    return json.dumps(fields).encode()
+
+
+def _telemetry(datagram: bytes) -> Telemetry | None:
+    """Return the simulator's telemetry, whose axes and units are ours; None when malformed."""
+    try:
+        fields = json.loads(datagram)
+        yaw = fields["yaw_rad"]
+        return Telemetry(
+            yaw_rad=yaw,
+            velocity=Velocity(
+                forward_mps=fields["forward_mps"],
+                lateral_mps=fields["lateral_mps"],
+                yaw_rate_radps=fields["yaw_rate_radps"],
+            ),
+            pose=Pose(x_m=fields["x_m"], y_m=fields["y_m"], z_m=fields["z_m"], yaw_rad=yaw),
+            battery=fields["battery"],
+            flying=fields["flying"],
+        )
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def _remove_dead(flight_dir: Path) -> None:
+    """Remove the sockets that killed predecessors left behind."""
+    for path in flight_dir.glob(CLIENT_SOCKET.format(pid="*")):
+        pid = path.stem.rpartition("-")[2]
+        if pid.isdigit() and not Path("/proc", pid).exists():
+            path.unlink(missing_ok=True)
