@@ -5,76 +5,31 @@ payloads never reach it: they are counted as errors, reported in the health and 
 """
 
 import contextlib
-import itertools
 import json
 import os
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import zenoh
 from zenoh import ext
 
-from juncnet import links
 from juncnet.clocks import Clock
-from juncnet.flight import Flight, HostClock
+from juncnet.flight import Flight
+from juncnet.frame_ports import FramePorts, FrameTransport
 from juncnet.frames import FrameReader, FrameWriter
-from juncnet.frames_iceoryx2 import IceoryxFrameReader, IceoryxFrameWriter, IceoryxNode
-from juncnet.frames_iceoryx2 import available as iceoryx2_available
-from juncnet.frames_wire import ENCODING, PIXELS_KEY
-from juncnet.frames_zenoh import ZenohFrameReader, ZenohFrameWriter
-from juncnet.health import HealthCounters
-from juncnet.inbox import Mailbox, Waitable, Wake
+from juncnet.frames_wire import ENCODING
+from juncnet.health import HealthReport
+from juncnet.inbox import Inbox, Mailbox, Waitable
 from juncnet.messages import Message, MessageError, Reply, Stamp
+from juncnet.process import ServiceProcess
 from juncnet.topics import FrameTopic, Qos, Request, Topic, health_topic
 
-FrameTransport = Literal["auto", "iceoryx2", "zenoh"]
+__all__ = ["Bus", "HealthReport", "Inbox", "ZenohBus"]
 M = TypeVar("M", bound=Message)
-M_co = TypeVar("M_co", bound=Message, covariant=True)
-
-
-class Inbox(Protocol[M_co]):
-    """What arrived on a subscription. Full inboxes drop their oldest message and count it."""
-
-    def take(self, timeout_s: float = 0.0) -> M_co | None:
-        """Remove and return the oldest waiting message; None after `timeout_s` or at shutdown."""
-        ...
-
-    def drain(self) -> list[tuple[str, M_co]]:
-        """Remove and return all that waits, oldest first, each with the robot that it came from."""
-        ...
-
-    @property
-    def newest(self) -> M_co | None:
-        """The newest message ever received, taken or not."""
-        ...
-
-    def __iter__(self) -> Iterator[M_co]:
-        """Take messages until shutdown, waiting for each."""
-        ...
-
-
-class HealthReport(Protocol):
-    """What a service tells about itself; the bus publishes it once a second."""
-
-    def error(self, text: str) -> None:
-        """Count a failure that was survived, log it (rate-limited) and show it as `last_error`."""
-        ...
-
-    def set(self, counter: str, value: float) -> None:
-        """Set one of the service's own counters."""
-        ...
-
-    def add(self, counter: str, value: float = 1.0) -> None:
-        """Add to one of the service's own counters."""
-        ...
-
-    def output(self, taken_ns: int, header: Stamp | None) -> None:
-        """Note that a main output was published for what was taken at `taken_ns`."""
-        ...
 
 
 class Bus(Protocol):
@@ -164,7 +119,7 @@ _HEARTBEAT_S = 0.5
 HEALTH_PERIOD_S = 1.0
 
 
-class ZenohBus:
+class ZenohBus(ServiceProcess):
     """A `Bus` over a Zenoh session; `close` it, or use it in a `with` block.
 
     Zenoh calls back in threads of its own; there messages are decoded and put into inboxes.
@@ -178,67 +133,21 @@ class ZenohBus:
         state_dir: Path,
         frames: FrameTransport = "auto",
     ) -> None:
-        self._flight, self._service, self._state_dir = flight, service, state_dir
-        self._clock: Clock = HostClock()
-        self._epoch = time.time_ns()
-        self._sequence = itertools.count(1)
-        self._health = HealthCounters(service, self._clock)
-        self._wake = Wake()
+        super().__init__(flight, service, state_dir)
         self._lock = threading.RLock()
         self._publishers: dict[str, Any] = {}
         self._declared: list[Any] = []
         self._waitables: list[Waitable] = []
-        self._node: IceoryxNode | None = None
-        self._iceoryx = frames == "iceoryx2" or (frames == "auto" and iceoryx2_available())
+        self._frames = FramePorts(
+            flight,
+            frames,
+            self._epoch,
+            (self._wake, self._health),
+            (self._send_bytes, self._receive_bytes),
+        )
         self._session = zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
         self._threads: list[threading.Thread] = []
         self._queries: list[queue.SimpleQueue[zenoh.Query | None]] = []
-
-    # What the process is
-
-    @property
-    def robot(self) -> str:
-        return self._flight.robot
-
-    @property
-    def service(self) -> str:
-        return self._service
-
-    @property
-    def flight(self) -> str:
-        return self._flight.id
-
-    @property
-    def epoch(self) -> int:
-        return self._epoch
-
-    @property
-    def clock(self) -> Clock:
-        return self._clock
-
-    @property
-    def health(self) -> HealthCounters:
-        return self._health
-
-    @property
-    def running(self) -> bool:
-        return self._wake.running
-
-    @property
-    def flight_dir(self) -> Path:
-        return self._flight.directory
-
-    @property
-    def state_dir(self) -> Path:
-        return self._state_dir
-
-    def stamp(self) -> Stamp:
-        return Stamp(
-            epoch=self._epoch,
-            sequence=next(self._sequence),
-            time_ns=self._clock.now_ns(),
-            clock=self._clock.id,
-        )
 
     # Publishing
 
@@ -330,8 +239,11 @@ class ZenohBus:
             while (query := queries.get()) is not None:
                 reply, _ = self._answer(request, handler, query).encode()
                 with contextlib.suppress(zenoh.ZError):
-                    query.reply(key, reply, encoding=Reply.encoding())
-                query.drop()
+                    # Zenoh leaves the results of its commands without a type.
+                    query.reply(  # pyright: ignore[reportUnknownMemberType]
+                        key, reply, encoding=Reply.encoding()
+                    )
+                query.drop()  # pyright: ignore[reportUnknownMemberType]
 
         self._start(answer_all, f"serve {request.key}")
         self._queries.append(queries)
@@ -367,50 +279,28 @@ class ZenohBus:
     # Frames
 
     def frames_out(self, topic: FrameTopic) -> FrameWriter:
-        key = topic.expression(self.robot)
-        wake = self._frame_publisher(key)
-        if self._iceoryx:
-            return IceoryxFrameWriter(self._shared_memory().publisher(key), wake.put, self._epoch)
-        pixels = self._frame_publisher(f"{key}/{PIXELS_KEY}")
-        return ZenohFrameWriter(pixels.put, wake.put, self._epoch)
+        return self._frames.writer(topic.expression(self.robot))
 
-    def _frame_publisher(self, key: str) -> zenoh.Publisher:
-        return self._session.declare_publisher(
+    def frames_in(self, topic: FrameTopic) -> FrameReader:
+        reader = self._frames.reader(topic.expression(self.robot))
+        self._waitables.append(reader)
+        return reader
+
+    def _send_bytes(self, key: str) -> Callable[[bytes | bytearray], None]:
+        publisher: Any = self._session.declare_publisher(
             key,
             encoding=ENCODING,
             priority=zenoh.Priority.DATA,
             congestion_control=zenoh.CongestionControl.DROP,
             express=True,
         )
-
-    def frames_in(self, topic: FrameTopic) -> FrameReader:
-        key = topic.expression(self.robot)
-        if self._iceoryx:
-            subscriber = self._shared_memory().subscriber(key)
-            reader = IceoryxFrameReader(subscriber, self._wake, self._health)
-            self._receive_bytes(key, reader.put)
-        else:
-            reader = ZenohFrameReader(self._wake, self._health)
-            self._receive_bytes(f"{key}/{PIXELS_KEY}", reader.put)
-            self._receive_bytes(key, reader.announce)
-        self._waitables.append(reader)
-        return reader
+        return publisher.put
 
     def _receive_bytes(self, key: str, put: Callable[[bytes], None]) -> None:
         subscriber = self._session.declare_subscriber(key, lambda s: put(s.payload.to_bytes()))
         self._declared.append(subscriber)
 
-    def _shared_memory(self) -> IceoryxNode:
-        with self._lock:
-            if self._node is None:
-                self._node = IceoryxNode(self._flight)
-            return self._node
-
     # Life
-
-    def stop(self) -> None:
-        """Make `running` False and end all waiting. Safe in a signal handler."""
-        self._wake.stop()
 
     @property
     def connected(self) -> bool:
@@ -453,23 +343,14 @@ class ZenohBus:
         for thread in self._threads:
             thread.join(1.0)
         with contextlib.suppress(zenoh.ZError):
-            self._session.close()
-        if self._node is not None:
-            self._node.close()
-            self._node = None
+            self._session.close()  # pyright: ignore[reportUnknownMemberType]
+        self._frames.close()
 
     def __enter__(self) -> "ZenohBus":
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-@contextlib.contextmanager
-def open_gateway(flight: Flight, endpoint: str) -> Iterator[None]:
-    """Let outsiders that dial `endpoint` into the flight's mesh while the context lasts."""
-    with zenoh.open(zenoh.Config.from_json5(json.dumps(links.gateway(flight, endpoint)))):
-        yield
 
 
 def _content(sample: zenoh.Sample) -> tuple[bytes, bytes | None]:

@@ -12,7 +12,7 @@ import importlib.util
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -170,14 +170,14 @@ class IceoryxFrameLoan:
 
 
 class IceoryxFrameReader:
-    """A `FrameReader` of shared memory; `put` takes the prefixes that wake it."""
+    """A `FrameReader` of shared memory; `announce` takes the prefixes that wake it."""
 
     def __init__(self, subscriber: Any, wake: Wake, health: HealthCounters) -> None:
         self._subscriber, self._wake, self._health = subscriber, wake, health
         self._woken = False
         self._gate = SerialGate()
 
-    def put(self, payload: bytes) -> None:
+    def announce(self, payload: bytes) -> None:
         """Wake: a frame was sent. Anything but the prefix of a frame is counted as an error."""
         try:
             FramePrefix.unpack(payload)
@@ -199,7 +199,7 @@ class IceoryxFrameReader:
         return self._gate.drops
 
     @contextmanager
-    def take(self, timeout_s: float) -> Iterator[Frame | None]:
+    def take(self, timeout_s: float) -> Generator[Frame | None]:
         """Give the newest frame not taken before, in place, or None after `timeout_s`."""
         sample, frame = self._receive(timeout_s)
         try:
@@ -238,4 +238,4 @@ class IceoryxFrameReader:
 
 def _view(address: int, nbytes: int) -> NDArray[np.uint8]:
     """Return `nbytes` of memory at `address` as uint8, without a copy; it does not keep them."""
-    return np.frombuffer((ctypes.c_uint8 * nbytes).from_address(address), np.uint8)
+    return np.ctypeslib.as_array((ctypes.c_uint8 * nbytes).from_address(address))

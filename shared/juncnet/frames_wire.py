@@ -7,6 +7,7 @@ alone is what wakes readers and tells observers that there is a new picture.
 import struct
 import zlib
 from dataclasses import dataclass
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -71,18 +72,19 @@ class FramePrefix:
         if len(data) < PREFIX_BYTES:
             raise MessageError(f"Frame.prefix: {len(data)} bytes, needs {PREFIX_BYTES}")
         body = data[: PREFIX_BYTES - _CHECK.size]
-        values = _FIELDS.unpack_from(body)
+        values: tuple[Any, ...] = _FIELDS.unpack_from(body)
         if values[0] != MAGIC or values[1] != VERSION:
             raise MessageError(f"Frame.prefix: not a frame of version {VERSION}")
         if _CHECK.unpack_from(data, len(body))[0] != zlib.crc32(body):
             raise MessageError("Frame.prefix: damaged, its checksum differs")
         if values[2] >= len(_FORMATS):
             raise MessageError(f"Frame.format: {values[2]} is unknown")
-        layout = FrameLayout(_FORMATS[values[2]], *values[4:7])
+        layout = FrameLayout(_FORMATS[values[2]], values[4], values[5], values[6])
         layout.check()
         if values[7] != layout.nbytes:
             raise MessageError(f"Frame.nbytes: {values[7]}, {layout} needs {layout.nbytes}")
-        return cls(_stamp(values[10:14], values[15][: values[14]]), layout, values[8], values[9])
+        header = _stamp(values[10:14], values[15][: values[14]])
+        return cls(header, layout, values[8], values[9])
 
 
 def _stamp(numbers: tuple[int, int, int, int], clock: bytes) -> Stamp:

@@ -4,7 +4,7 @@ No Zenoh here: the bus gives a function that puts bytes and calls `ZenohFrameRea
 """
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 import numpy as np
@@ -104,7 +104,7 @@ class ZenohFrameReader:
         return self._gate.drops
 
     @contextmanager
-    def take(self, timeout_s: float) -> Iterator[Frame | None]:
+    def take(self, timeout_s: float) -> Generator[Frame | None]:
         """Give the newest frame not taken before, or None after `timeout_s`."""
         with self._wake.condition:
             self._wake.wait_for(lambda: self.ready, timeout_s)

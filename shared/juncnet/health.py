@@ -4,6 +4,7 @@ import logging
 import math
 import threading
 from collections.abc import Sequence
+from typing import Protocol
 
 from juncnet.clocks import NS_PER_S, Clock, Instant, age_s
 from juncnet.messages import Health, Stamp
@@ -15,6 +16,26 @@ LOG_EVERY_NS = NS_PER_S
 def percentile(ordered: Sequence[float], fraction: float) -> float:
     """Return the value at `fraction` (0..1) of an ascending, non-empty sequence: nearest rank."""
     return ordered[max(0, math.ceil(fraction * len(ordered)) - 1)]
+
+
+class HealthReport(Protocol):
+    """What a service tells about itself; the bus publishes it once a second."""
+
+    def error(self, text: str) -> None:
+        """Count a failure that was survived, log it (rate-limited) and show it as `last_error`."""
+        ...
+
+    def set(self, counter: str, value: float) -> None:
+        """Set one of the service's own counters."""
+        ...
+
+    def add(self, counter: str, value: float = 1.0) -> None:
+        """Add to one of the service's own counters."""
+        ...
+
+    def output(self, taken_ns: int, header: Stamp | None) -> None:
+        """Note that a main output was published for what was taken at `taken_ns`."""
+        ...
 
 
 class HealthCounters:

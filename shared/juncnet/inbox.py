@@ -15,6 +15,27 @@ from juncnet.messages import Message
 M = TypeVar("M", bound=Message)
 
 
+class Inbox(Protocol[M]):
+    """What arrived on a subscription. Full inboxes drop their oldest message and count it."""
+
+    def take(self, timeout_s: float = 0.0) -> M | None:
+        """Remove and return the oldest waiting message; None after `timeout_s` or at shutdown."""
+        ...
+
+    def drain(self) -> list[tuple[str, M]]:
+        """Remove and return all that waits, oldest first, each with the robot that it came from."""
+        ...
+
+    @property
+    def newest(self) -> M | None:
+        """The newest message ever received, taken or not."""
+        ...
+
+    def __iter__(self) -> Iterator[M]:
+        """Take messages until shutdown, waiting for each."""
+        ...
+
+
 class Waitable(Protocol):
     """Something that `Bus.wait` waits for."""
 

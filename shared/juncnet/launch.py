@@ -4,13 +4,16 @@
 """
 
 import argparse
+import contextlib
+import json
 import logging
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
+from types import FrameType
 from typing import TypeVar
 
 import zenoh
@@ -18,8 +21,9 @@ from pydantic import BaseModel
 
 from juncnet import links
 from juncnet.assets import asset_path
-from juncnet.bus import Bus, FrameTransport, ZenohBus
+from juncnet.bus import Bus, ZenohBus
 from juncnet.flight import Flight, join_flight, new_flight, read_flight
+from juncnet.frame_ports import FrameTransport
 from juncnet.layout import Layout, LayoutError, load_layout
 
 C = TypeVar("C", bound=BaseModel)
@@ -53,8 +57,7 @@ def _run(
     with ZenohBus(
         links.member(flight, service), flight, service, layout.state_dir, layout.bus.frames
     ) as bus:
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, lambda *_: bus.stop())
+        _stop_on_signals(bus)
         bus.report_health()
         log.info("flight %s, robot %s, pid %d", flight.id, flight.robot, os.getpid())
         try:
@@ -64,6 +67,21 @@ def _run(
             return 1
         log.info("ended")
     return 0
+
+
+def _stop_on_signals(bus: ZenohBus) -> None:
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        bus.stop()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, stop)
+
+
+@contextlib.contextmanager
+def open_gateway(flight: Flight, endpoint: str) -> Generator[None]:
+    """Let outsiders that dial `endpoint` into the flight's mesh while the context lasts."""
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(links.gateway(flight, endpoint)))):
+        yield
 
 
 def connect(
@@ -130,7 +148,8 @@ def _set_up_process(layout: Layout) -> None:
     logging.basicConfig(
         level=layout.launch.log_level.upper(), format=LOG_FORMAT, datefmt="%H:%M:%S"
     )
-    zenoh.init_log_from_env_or("error")
+    # Zenoh leaves the results of its commands without a type.
+    zenoh.init_log_from_env_or("error")  # pyright: ignore[reportUnknownMemberType]
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", str(POOL_THREADS))
     cv2 = sys.modules.get("cv2")
     if cv2 is not None:

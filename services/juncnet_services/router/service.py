@@ -9,9 +9,9 @@ import socket
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from juncnet.bus import Bus, open_gateway
+from juncnet.bus import Bus
 from juncnet.flight import read_flight
-from juncnet.launch import launch
+from juncnet.launch import launch, open_gateway
 
 
 class Config(BaseModel):
