@@ -5,6 +5,8 @@ fits; objects stand on it as sprites and shaded boxes, drawn from back to front.
 """
 
 import math
+from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -149,18 +151,10 @@ class Renderer:
         to_ground = np.linalg.inv(view.ground)
         beyond = self.ground.beyond[:1] if target.ndim == 2 else self.ground.beyond[1:]
         height_m = float(view.position[2])
-        for top, bottom, level in bands(view, height_m, step, len(levels)):
-            scale = step * 2**level
-            matrix = self.ground.map_to_plane(scale) @ to_ground @ _down(top)
-            cv2.warpPerspective(
-                levels[level],
-                matrix,
-                (view.width, bottom - top),
-                dst=target[top:bottom],
-                flags=_WARP,
-                borderMode=cv2.BORDER_CONSTANT,
-                borderValue=beyond,
-            )
+        for band in bands(view, height_m, step, len(levels)):
+            scale = step * 2**band.level
+            matrix = self.ground.map_to_plane(scale) @ to_ground
+            _warp(levels[band.level], matrix, band, target, beyond)
         if detailed:
             self._detail.add(view, to_ground, target)
 
@@ -190,8 +184,22 @@ class Renderer:
                 cv2.copyTo(sky[whole:], mask, plane[whole:rows])
 
 
-def bands(view: View, height_m: float, step: float, levels: int) -> list[tuple[int, int, int]]:
-    """Return (top row, row after the last, level) of bands that cover the ground in a picture.
+@dataclass(frozen=True)
+class Band:
+    """Rows `top` to `bottom` (excluded) of a picture, and the level of detail that they need.
+
+    `coarse` is 2 or 4 where the raster's pixels are so much larger than the picture's that nothing
+    is lost by drawing the band that much smaller and enlarging it.
+    """
+
+    top: int
+    bottom: int
+    level: int
+    coarse: int
+
+
+def bands(view: View, height_m: float, step: float, levels: int) -> list[Band]:
+    """Return the bands that cover the ground in a picture.
 
     The level's pixels are about as large on the ground as those of the picture: the geometric mean
     of their width and depth.
@@ -205,14 +213,42 @@ def bands(view: View, height_m: float, step: float, levels: int) -> list[tuple[i
     distance = height_m / below
     across = distance / view.focal_px
     along = distance * distance / (height_m * view.focal_px)
-    size = np.sqrt(across * np.minimum(along, 6 * across))
-    level = np.clip(np.round(np.log2(size / step) + 0.1), 0, levels - 1).astype(int)
-    cuts = [0, *(np.flatnonzero(np.diff(level)) + 1), len(rows)]
-    return [(int(rows[a]), int(rows[b - 1]) + 1, int(level[a])) for a, b in zip(cuts, cuts[1:])]
+    size = np.log2(np.sqrt(across * np.minimum(along, 6 * across)) / step)
+    level = np.clip(np.round(size + 0.1), -2, levels - 1).astype(int)
+    cuts = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), len(rows)]
+    found: list[Band] = []
+    for start, stop in pairwise(cuts):
+        fine = int(level[start])
+        found.append(Band(first + start, first + stop, max(fine, 0), 1 << max(-fine, 0)))
+    return found
 
 
-def _down(rows: int) -> NDArray[np.float64]:
-    return np.array([[1.0, 0, 0], [0, 1, rows], [0, 0, 1]])
+def _warp(
+    plane: Bytes,
+    matrix: NDArray[np.float64],
+    band: Band,
+    target: Bytes,
+    beyond: tuple[int, ...],
+) -> None:
+    """Warp a plane into the rows of a band; `matrix` maps the target's pixels to the plane's."""
+    part, k = target[band.top : band.bottom], band.coarse
+    shift = np.array([[k, 0, k / 2 - 0.5], [0, k, band.top + k / 2 - 0.5], [0, 0, 1.0]])
+    size = (-(-part.shape[1] // k), -(-part.shape[0] // k))
+    warped = cv2.warpPerspective(
+        plane,
+        matrix @ shift,
+        size,
+        dst=part if k == 1 else None,
+        flags=_WARP,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=beyond,
+    )
+    if k > 1:
+        whole = (size[0] * k, size[1] * k)
+        fits = whole == (part.shape[1], part.shape[0])
+        grown = cv2.resize(warped, whole, dst=part if fits else None)
+        if not fits:
+            part[:] = grown[: part.shape[0], : part.shape[1]]
 
 
 def _haze(plane: Bytes, view: View, height_m: float, haze: float, level: tuple[int, ...]) -> None:
@@ -248,11 +284,7 @@ class _Detail:
 
     def __init__(self, seed: int) -> None:
         tile = detail_tile(_DETAIL_STEP_M * _DETAIL_PX, _DETAIL_PX, seed)
-        self._levels: list[Bytes] = []
-        for level in range(3):
-            size = _DETAIL_PX >> level
-            small = cv2.resize(tile, (size, size), interpolation=cv2.INTER_AREA)
-            self._levels.append(np.ascontiguousarray(np.tile(np.asarray(small), (4, 4))))
+        self._tile: Bytes = np.ascontiguousarray(np.tile(tile, (4, 4)))
         self._period_m = _DETAIL_STEP_M * _DETAIL_PX
 
     def add(self, view: View, to_ground: NDArray[np.float64], target: Bytes) -> None:
@@ -261,20 +293,16 @@ class _Detail:
         # Whole periods are taken off, so that the tile's repetitions cover what is near.
         x0 = self._period_m * (math.floor(x / self._period_m) - 1.5)
         y1 = self._period_m * (math.floor(y / self._period_m) + 2.5)
-        for top, bottom, level in bands(view, float(view.position[2]), _DETAIL_STEP_M, 4):
-            if level > 2:
+        for band in bands(view, float(view.position[2]), _DETAIL_STEP_M, 2):
+            if band.level > 0:
                 continue
-            step = _DETAIL_STEP_M * 2**level
+            step = _DETAIL_STEP_M
             to_plane = np.array([[1 / step, 0, -x0 / step], [0, -1 / step, y1 / step], [0, 0, 1]])
-            grain = cv2.warpPerspective(
-                self._levels[level],
-                to_plane @ to_ground @ _down(top),
-                (view.width, bottom - top),
-                flags=_WARP,
-                borderMode=cv2.BORDER_CONSTANT,
-                borderValue=(128,),
-            )
-            part = target[top:bottom]
+            part = target[band.top : band.bottom]
+            grain = np.empty_like(part)
+            local = Band(0, len(part), 0, max(2, band.coarse))
+            down = np.array([[1.0, 0, 0], [0, 1, band.top], [0, 0, 1]])
+            _warp(self._tile, to_plane @ to_ground @ down, local, grain, (128,))
             cv2.addWeighted(part, 1.0, grain, 1.0, -128.0, dst=part)
 
 

@@ -27,6 +27,12 @@ class Face:
     to_world: NDArray[np.float64]
     luma: tuple[Bytes, ...]
     chroma: tuple[Bytes, ...]
+    mean: tuple[float, float, float]
+    """Y, U, V of the whole texture."""
+    plane: tuple[float, float, float, float]
+    """Normal, outward, and its product with a point of the face: more is in front of it."""
+    middle: tuple[float, float]
+    """Mean of the corners."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +80,11 @@ class _Shape:
         luma = np.clip(y, 16, 240).astype(np.uint8)
         chroma = np.clip(np.stack([u, v], -1), 0, 255).astype(np.uint8)
         flat, to_world = _flat(world)
-        return Face(flat, to_world, _levels(luma), _levels(chroma))
+        mean = (float(luma.mean()), float(chroma[..., 0].mean()), float(chroma[..., 1].mean()))
+        nx, ny, nz = (float(n) for n in normal)
+        plane = (nx, ny, nz, float(normal @ world[0]))
+        middle = (float(flat[:, 0].mean()), float(flat[:, 1].mean()))
+        return Face(flat, to_world, _levels(luma), _levels(chroma), mean, plane, middle)
 
     def sides(
         self,
