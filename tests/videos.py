@@ -3,12 +3,16 @@
 import socket
 import threading
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
+from av.container import OutputContainer
 from av.error import FFmpegError
+from av.packet import Packet
+from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
@@ -35,22 +39,31 @@ def band_of(luminance: NDArray[np.uint8]) -> int:
     return int(means[: rows * BAND_PX].reshape(rows, BAND_PX).mean(axis=1).argmax())
 
 
-def add_h264(container: av.container.OutputContainer, width: int, height: int) -> VideoStream:
+def add_h264(container: OutputContainer, width: int, height: int) -> VideoStream:
     """Add an H.264 stream without B pictures, a key frame every 10 pictures."""
-    stream = container.add_stream("libx264", rate=FPS)
+    # av's stubs leave the type of further options open.
+    stream = container.add_stream("libx264", rate=FPS)  # pyright: ignore[reportUnknownMemberType]
     stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
     stream.options = {"preset": "ultrafast", "tune": "zerolatency", "x264-params": "threads=1"}
     stream.codec_context.gop_size = 10
     return stream
 
 
-def encode(stream: VideoStream, count: int, width: int, height: int) -> Iterator[av.Packet]:
+def encode(stream: VideoStream, count: int, width: int, height: int) -> "Iterator[Packet[Any]]":
     """Yield the packets of pictures 0 .. count - 1."""
-    for index in range(count):
-        frame = av.VideoFrame.from_ndarray(picture(index, width, height), format="bgr24")
-        frame.pts = index
-        yield from stream.encode(frame)
-    yield from stream.encode(None)
+    for index in range(count + 1):
+        frame = None
+        if index < count:
+            frame = VideoFrame.from_ndarray(picture(index, width, height), format="bgr24")
+            frame.pts = index
+        # av's stubs leave the type of packets open.
+        yield from stream.encode(frame)  # pyright: ignore[reportUnknownMemberType]
+
+
+def mux(container: OutputContainer, packet: "Packet[Any]") -> None:
+    """Write one packet."""
+    # av's stubs leave the type of packets open.
+    container.mux(packet)  # pyright: ignore[reportUnknownMemberType]
 
 
 def write_video(path: Path, count: int, width: int = 320, height: int = 240) -> Path:
@@ -58,7 +71,7 @@ def write_video(path: Path, count: int, width: int = 320, height: int = 240) -> 
     with av.open(str(path), "w") as container:
         stream = add_h264(container, width, height)
         for packet in encode(stream, count, width, height):
-            container.mux(packet)
+            mux(container, packet)
     return path
 
 
@@ -82,10 +95,8 @@ def sender(url: str, container_format: str, size: tuple[int, int] = (320, 240)) 
         with av.open(url, "w", format=container_format) as container:
             stream = add_h264(container, width, height)
             for packet in encode(stream, 100_000, width, height):
-                try:
-                    container.mux(packet)
-                except FFmpegError:
-                    pass  # Nobody listens yet; a camera does not mind.
+                with suppress(FFmpegError):  # Nobody listens yet; a camera does not mind.
+                    mux(container, packet)
                 if stop.wait(0.5 / FPS):
                     return
 

@@ -92,9 +92,16 @@ class LiveCamera:
                 problem = "the camera has ended its stream; is it still on?"
             except CameraError as error:
                 problem = str(error)
+            self._forget()
             delay_s = backoff.next_s()
             self.counts.problems.append(f"{problem}; next attempt in {delay_s:g} s")
             self._closing.wait(delay_s)
+
+    def _forget(self) -> None:
+        """Drop the picture that waits: once the source is back it would be an old one."""
+        with self._changed:
+            self.counts.late += self._picture is not None
+            self._picture = None
 
     def _put(self, arrival: Arrival) -> None:
         if not arrival.pictures and not arrival.units:
