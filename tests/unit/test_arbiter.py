@@ -26,17 +26,22 @@ def stamp(seconds: float, sequence: int | None = None, epoch: int = 1, clock: st
 
 
 def command(
-    issued: float, captured: float | None = None, clock: str = CLOCK, **fields: int
+    issued: float,
+    captured: float | None = None,
+    clock: str = CLOCK,
+    sequence: int | None = None,
+    epoch: int = 1,
 ) -> VelocityCommand:
     picture = stamp(issued if captured is None else captured, clock=clock)
-    return VelocityCommand(
-        header=picture, issued=stamp(issued, clock=clock, **fields), velocity=AHEAD
-    )
+    issuance = stamp(issued, sequence, epoch, clock)
+    return VelocityCommand(header=picture, issued=issuance, velocity=AHEAD)
 
 
-def order(kind: OverrideKind, issued: float, **fields: int) -> Override:
+def order(
+    kind: OverrideKind, issued: float, sequence: int | None = None, epoch: int = 1
+) -> Override:
     velocity = Velocity(forward_mps=-1.0) if kind is OverrideKind.MANUAL else None
-    return Override(issued=stamp(issued, **fields), kind=kind, velocity=velocity)
+    return Override(issued=stamp(issued, sequence, epoch), kind=kind, velocity=velocity)
 
 
 def test_holds_before_the_first_command_however_long_that_takes() -> None:

@@ -22,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 BYE = b"bye"
+IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end command_output, and the guard only through it."""
 NS_PER_S = 1_000_000_000
 
 
@@ -110,7 +112,7 @@ def watch(order: Order, lines: Lines, came: list[bytes]) -> None:
 
 def main() -> None:
     """Guard until there is nothing left to guard."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in IGNORED:
         signal.signal(number, signal.SIG_IGN)
     lines = Lines(0)
     line, came = first_line(lines)

@@ -3,6 +3,7 @@
 import base64
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -35,6 +36,7 @@ class GuardLink:
         self._owner = directory / OWNER
         self._token = f"{os.getpid()} {time.time_ns()}"
         self._started_ns = 0
+        self._pipe: int | None = None
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Self:
@@ -51,11 +53,11 @@ class GuardLink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._process is None or self._process.stdin is None:
+        if self._process is None:
             return
         if kind is None:
             self._write(guard.BYE)
-        self._process.stdin.close()
+        self._close_pipe()
         if kind is None:
             self._process.wait(5.0)
 
@@ -86,27 +88,36 @@ class GuardLink:
             "period_s": PERIOD_S,
             "linger_s": LINGER_S,
         }
-        if self._process is not None and self._process.stdin is not None:
-            self._process.stdin.close()
+        self._close_pipe()
         self._started_ns = time.monotonic_ns()
-        self._process = subprocess.Popen(
-            [sys.executable, "-I", "-S", guard.__file__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            pass_fds=(hold.link,),
-            start_new_session=True,
-            bufsize=0,
-            cwd="/",
-        )
+        # The order lies in the pipe before the guard runs: it holds even if we die meanwhile.
+        reading, self._pipe = os.pipe()
+        os.set_blocking(self._pipe, False)
         self._write(json.dumps(order).encode())
-        if self._process.stdin is not None:
-            os.set_blocking(self._process.stdin.fileno(), False)
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, guard.IGNORED)
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-I", "-S", guard.__file__],
+                stdin=reading,
+                stdout=subprocess.DEVNULL,
+                pass_fds=(hold.link,),
+                start_new_session=True,
+                cwd="/",
+            )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+            os.close(reading)
 
     def _write(self, line: bytes) -> None:
         """Write a line; when the pipe is full or broken the guard acts on its last deadline."""
-        if self._process is None or self._process.stdin is None:
+        if self._pipe is None:
             return
         try:
-            os.write(self._process.stdin.fileno(), line + b"\n")
+            os.write(self._pipe, line + b"\n")
         except (BlockingIOError, BrokenPipeError):
             return
+
+    def _close_pipe(self) -> None:
+        if self._pipe is not None:
+            os.close(self._pipe)
+            self._pipe = None
