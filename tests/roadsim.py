@@ -9,7 +9,6 @@ import random
 from collections import deque
 from dataclasses import dataclass, field
 
-from juncnet.camera import CameraGeometry
 from juncnet.clocks import Instant
 from juncnet.messages import (
     Capabilities,
@@ -28,7 +27,9 @@ from juncnet.messages import (
 )
 from juncnet_services.junction_navigation.config import NavigatorConfig
 from juncnet_services.junction_navigation.navigator import Decision, Navigator
+from juncnet_services.junction_navigation.pace import Pace
 from juncnet_services.junction_navigation.progress import Progress
+from juncnet_services.junction_navigation.store import Resumed
 
 CLOCK = "sim"
 TICK_S = 0.02
@@ -43,6 +44,7 @@ COPTER = Capabilities(
 ROVER = Capabilities(kind="rover", minimum_radius_m=2.5, telemetry=True)
 
 Point = tuple[float, float]
+Visit = tuple[EventKind, Point, float]
 
 
 def wrap(angle: float) -> float:
@@ -103,9 +105,9 @@ class Flight:
     with_road: bool = True
     """Whether the follower tells the road that it saw."""
     seed: int = 1
-    events: list[JunctionEvent] = field(default_factory=list)
-    where: list[tuple[EventKind, Point, float]] = field(default_factory=list)
-    path: list[tuple[float, float, float]] = field(default_factory=list)
+    events: list[JunctionEvent] = field(default_factory=list[JunctionEvent])
+    where: list[Visit] = field(default_factory=list[Visit])
+    path: list[Point] = field(default_factory=list[Point])
     decision: Decision | None = None
 
     def __post_init__(self) -> None:
@@ -117,6 +119,7 @@ class Flight:
         self.waiting: deque[tuple[float, JunctionScore, RoadCommand]] = deque()
         self.navigator = Navigator(self.config, self.mission, "flight-1")
         self.alive_at = 0.0
+        self.pace, self.saved = Pace(), ""
 
     # --- senses ---
 
@@ -220,7 +223,7 @@ class Flight:
         if self.t >= self.next_frame:
             self.next_frame += FRAME_S
             self.frame()
-            self.path.append((self.x, self.y, self.yaw))
+            self.path.append((self.x, self.y))
 
     def tick(self) -> None:
         self.move()
@@ -231,6 +234,8 @@ class Flight:
         now = Instant(round(self.t * 1e9), CLOCK)
         decision = self.navigator.step(now, kept, road, self.vehicle())
         self.decision, self.command, self.command_t = decision, decision.velocity, self.t
+        if self.pace.save_due(now.ns, decision):
+            self.saved = self.navigator.progress.model_dump_json()
         known = {event.index for event in self.events}
         for event in decision.events:
             if event.index not in known:
@@ -239,12 +244,12 @@ class Flight:
 
     def kill(self, outage_s: float = 1.0) -> None:
         """The navigator dies now and comes back from what it saved."""
-        saved = Progress.model_validate_json(self.navigator.progress.model_dump_json())
+        saved = Progress.model_validate_json(self.saved)
         self.alive_at = self.t + outage_s
         while self.t < self.alive_at:
             self.move()
         self.waiting.clear()
-        self.navigator = Navigator(self.config, self.mission, "flight-1", saved)
+        self.navigator = Navigator(self.config, self.mission, "flight-1", Resumed(saved, "resumed"))
 
     def run(self, seconds: float) -> "Flight":
         """Fly until the mission is finished, or for `seconds`."""
@@ -261,7 +266,3 @@ class Flight:
         """Where the robot was, and its yaw, at the `number`-th event of a kind."""
         found = [(place, yaw) for k, place, yaw in self.where if k is kind]
         return found[number]
-
-
-def camera(height_m: float) -> CameraGeometry:
-    return CameraGeometry(height_m=height_m)

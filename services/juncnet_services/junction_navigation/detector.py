@@ -12,7 +12,8 @@ SPREAD = 0.15
 LONGEST_DELAY = 0.1
 SHORTEST_SPAN = 0.45
 """A score that falls after a smaller part of the band was lost, not passed."""
-MEASURED_CORRECTION, COMMANDED_CORRECTION = 0.25, 0.5
+CORRECTION = 0.42
+"""Part of the difference between travelled and expected band that is taken for a speed error."""
 LARGEST_SCALE = 0.25
 
 
@@ -121,13 +122,13 @@ class JunctionDetector:
         return state.odometer_m < free_m
 
 
-def mouth_m(junction: Junction, band: JunctionBand, odometer_m: float, telemetry: bool) -> float:
+def mouth_m(junction: Junction, band: JunctionBand, odometer_m: float) -> float:
     """Return the odometer reading at which the junction's mouth is or will be reached.
 
     The mouth is `d_far` ahead where the score rises and `d_near` ahead where it falls. Both are
     weighed by their variance: 15 % of the distance, and 15 % of what was travelled since. While
     the score is high the mouth cannot be nearer than `d_near`, but a score that never falls delays
-    it by no more than a tenth of `d_far`. `telemetry`: whether the odometer was measured.
+    it by no more than a tenth of `d_far`.
     """
     rise_m = junction.rise_m + band.d_far_m
     if junction.fall_m is None:
@@ -135,7 +136,7 @@ def mouth_m(junction: Junction, band: JunctionBand, odometer_m: float, telemetry
         return min(max(rise_m, odometer_m + band.d_near_m), latest_m)
     if not _plausible_fall(junction, band):
         return rise_m
-    scale = odometer_scale(junction, band, telemetry)
+    scale = odometer_scale(junction, band)
     fall_m = junction.fall_m + band.d_near_m * scale
     if not junction.rise_seen:
         return fall_m
@@ -146,17 +147,16 @@ def mouth_m(junction: Junction, band: JunctionBand, odometer_m: float, telemetry
     return weight * fall_m + (1 - weight) * rise_m
 
 
-def odometer_scale(junction: Junction, band: JunctionBand, telemetry: bool) -> float:
+def odometer_scale(junction: Junction, band: JunctionBand) -> float:
     """Return how many odometer metres the robot needs for a metre, as far as the junction tells.
 
-    Between rise and fall lie `d_far - d_near` metres. That is no better known than a commanded
-    speed (both 20 %), so the mean of both is taken; a measured speed is trusted more.
+    Between rise and fall lie `d_far - d_near` metres. That is known no better than the robot's
+    speed (both to 20 %), so about half of a difference is taken for an error of the speed.
     """
     if junction.fall_m is None or not junction.rise_seen or not _plausible_fall(junction, band):
         return 1.0
     ratio = (junction.fall_m - junction.rise_m) / (band.d_far_m - band.d_near_m)
-    trust = MEASURED_CORRECTION if telemetry else COMMANDED_CORRECTION
-    return min(max(1 + trust * (ratio - 1), 1 - LARGEST_SCALE), 1 + LARGEST_SCALE)
+    return min(max(1 + CORRECTION * (ratio - 1), 1 - LARGEST_SCALE), 1 + LARGEST_SCALE)
 
 
 def _plausible_fall(junction: Junction, band: JunctionBand) -> bool:

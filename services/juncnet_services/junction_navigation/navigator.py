@@ -30,6 +30,7 @@ from juncnet_services.junction_navigation.speed import (
     feasible,
     scaled,
 )
+from juncnet_services.junction_navigation.store import FRESH, Resumed
 
 STANDING_MPS = 0.35
 AXIS_S = 0.5
@@ -54,21 +55,18 @@ class Decision:
 class Navigator:
     """Follows a mission by junction scores and a follower's road commands.
 
-    `saved` is the progress to go on with. `blocked` is the reason why the robot must hold until a
-    mission is set: the progress of this flight was lost.
+    `found` is what a restart found: the progress to go on with, and why the robot must hold until
+    a mission is set, if it must. Its note stands in the state up to the first motion.
     """
 
     def __init__(
-        self,
-        config: NavigatorConfig,
-        mission: Mission,
-        flight: str,
-        saved: Progress | None = None,
-        blocked: str = "",
+        self, config: NavigatorConfig, mission: Mission, flight: str, found: Resumed = FRESH
     ) -> None:
+        saved = found.progress
         self.config = config
         self.progress = saved or Progress(flight=flight, configured=mission, mission=mission)
-        self._blocked = blocked
+        self._blocked = found.blocked
+        self._note = found.note
         self._inputs = Inputs(config)
         self._odometry = Odometry(config, self.progress, saved is not None)
         self._detector = JunctionDetector(config.detector, config.camera.band, self.progress)
@@ -97,6 +95,7 @@ class Navigator:
             self._take_road(now, road)
         self._reason = self._blocked or self._inputs.why_hold(now)
         wanted = NO_MOTION if self._reason else self._drive()
+        self._tell_note(wanted)
         velocity = feasible(wanted, self._plan.capabilities, self.config.turn.yaw_rate_radps)
         return self._decision(velocity)
 
@@ -114,7 +113,7 @@ class Navigator:
         self.progress.leave_m = None
         self.progress.junction = None
         self.progress.phase = Phase.WAITING
-        self._blocked = ""
+        self._blocked = self._note = ""
         return Reply(accepted=True, reason=f"the count starts at 0 (it was {previous})")
 
     # --- inputs ---
@@ -324,6 +323,12 @@ class Navigator:
         return NO_MOTION
 
     # --- outputs ---
+
+    def _tell_note(self, wanted: Velocity) -> None:
+        """Add what a restart found to the reason, up to the first motion."""
+        self._reason = "; ".join(text for text in (self._reason, self._note) if text)
+        if wanted != NO_MOTION:
+            self._note = ""
 
     def _decision(self, velocity: Velocity) -> Decision:
         events, self._events = tuple(self._events), []

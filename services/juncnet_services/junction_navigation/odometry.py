@@ -10,7 +10,8 @@ from juncnet_services.junction_navigation.progress import Progress
 
 HISTORY = 200
 MAX_STEP_S = 0.25
-OUTAGE_REACTION_S = 0.2
+OUTAGE_REACTION_S = 0.3
+"""From the last save to the hold of a robot whose navigator was killed: at most 0.2 s each."""
 
 
 def wrapped(angle_rad: float) -> float:

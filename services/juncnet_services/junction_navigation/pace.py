@@ -1,12 +1,9 @@
 """How often progress is saved and the state is told: on every change, and at a steady rate."""
 
-from juncnet.messages import Phase
 from juncnet_services.junction_navigation.navigator import Decision
 
 SAVE_NS = 200_000_000
-SAVE_ON_PLAIN_ROAD_NS = 1_000_000_000
 STATE_NS = 200_000_000
-_QUIET = (Phase.WAITING, Phase.FOLLOWING, Phase.FINISHED)
 
 
 class Pace:
@@ -21,8 +18,7 @@ class Pace:
         """Return whether the progress is to be saved now."""
         state = decision.state
         key = (state.phase, state.count, state.mission, bool(decision.events))
-        limit = SAVE_ON_PLAIN_ROAD_NS if state.phase in _QUIET else SAVE_NS
-        if not decision.events and key == self._saved and now_ns - self._saved_ns < limit:
+        if not decision.events and key == self._saved and now_ns - self._saved_ns < SAVE_NS:
             return False
         self._saved, self._saved_ns = key, now_ns
         return True

@@ -48,7 +48,7 @@ class JunctionPlan:
         junction = self._progress.junction
         if junction is None:
             return true_m
-        return true_m * odometer_scale(junction, self._band, self.capabilities.telemetry)
+        return true_m * odometer_scale(junction, self._band)
 
     @property
     def mouth_ahead_m(self) -> float:
@@ -56,7 +56,7 @@ class JunctionPlan:
         state = self._progress
         if state.junction is None:
             return math.inf
-        mouth = mouth_m(state.junction, self._band, state.odometer_m, self.capabilities.telemetry)
+        mouth = mouth_m(state.junction, self._band, state.odometer_m)
         return mouth - state.odometer_m
 
     @property

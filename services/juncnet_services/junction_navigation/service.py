@@ -9,19 +9,11 @@ from threading import Lock
 
 from pydantic import Field
 
+from juncnet import topics
 from juncnet.bus import Bus
 from juncnet.clocks import Instant
 from juncnet.launch import launch
 from juncnet.messages import Mission, Reply, SetMission, VelocityCommand
-from juncnet.topics import (
-    COMMAND_VELOCITY,
-    JUNCTION_EVENT,
-    JUNCTION_SCORE,
-    MISSION_SET,
-    NAVIGATION_STATE,
-    ROAD_COMMAND,
-    VEHICLE_STATE,
-)
 from juncnet_services.junction_navigation.config import NavigatorConfig
 from juncnet_services.junction_navigation.missions import load_mission
 from juncnet_services.junction_navigation.navigator import Decision, Navigator
@@ -41,12 +33,12 @@ class Config(NavigatorConfig):
 
 def run(bus: Bus, config: Config) -> None:
     """Navigate until shutdown."""
-    mission, store, lock = load_mission(config.mission), Store(bus.flight_dir), Lock()
+    mission, store, lock, pace = load_mission(config.mission), Store(bus.flight_dir), Lock(), Pace()
     found = store.resume(bus.flight, mission)
-    log.info("%s", found.note)
-    navigator = Navigator(config, mission, bus.flight, found.progress, found.blocked)
-    scores, roads = bus.subscribe(JUNCTION_SCORE), bus.subscribe(ROAD_COMMAND, capacity=4)
-    vehicles, pace = bus.subscribe(VEHICLE_STATE), Pace()
+    log.info("%s", found.note or found.blocked)
+    navigator = Navigator(config, mission, bus.flight, found)
+    scores, roads = bus.subscribe(topics.JUNCTION_SCORE), bus.subscribe(topics.ROAD_COMMAND, 4)
+    vehicles = bus.subscribe(topics.VEHICLE_STATE)
 
     def set_mission(request: SetMission) -> Reply:
         with lock:
@@ -55,7 +47,7 @@ def run(bus: Bus, config: Config) -> None:
         log.info("mission %s: %s", request.mission.name, reply.reason)
         return reply
 
-    bus.serve(MISSION_SET, set_mission)
+    bus.serve(topics.MISSION_SET, set_mission)
     while bus.running:
         bus.wait(STEP_S)
         with lock:
@@ -71,14 +63,14 @@ def publish(bus: Bus, decision: Decision, taken_ns: int, pace: Pace) -> None:
     for text in decision.refused:
         bus.health.error(text)
     for event in decision.events:
-        bus.publish(JUNCTION_EVENT, event)
-    header = decision.header
+        bus.publish(topics.JUNCTION_EVENT, event)
+    header, velocity = decision.header, decision.velocity
     if header is not None:
-        command = VelocityCommand(header=header, issued=bus.stamp(), velocity=decision.velocity)
-        bus.publish(COMMAND_VELOCITY, command)
+        command = VelocityCommand(header=header, issued=bus.stamp(), velocity=velocity)
+        bus.publish(topics.COMMAND_VELOCITY, command)
         bus.health.output(taken_ns, header)
     if pace.state_due(taken_ns, decision):
-        bus.publish(NAVIGATION_STATE, decision.state)
+        bus.publish(topics.NAVIGATION_STATE, decision.state)
 
 
 def main() -> None:

@@ -27,7 +27,11 @@ class Resumed:
     note: str
     """What was found, for the log."""
     blocked: str = ""
-    """Why the robot must hold until a mission is set."""
+    """Why the robot must hold until a mission is set: the progress of this flight was lost."""
+
+
+FRESH = Resumed(None, "the count starts at 0")
+"""Nothing was saved."""
 
 
 class Store:
@@ -55,7 +59,7 @@ class Store:
         try:
             text = self._path.read_text()
         except FileNotFoundError:
-            return Resumed(None, "the count starts at 0")
+            return FRESH
         except (OSError, UnicodeDecodeError) as error:
             return self._lost(str(error))
         try:
@@ -70,4 +74,4 @@ class Store:
 
     def _lost(self, why: str) -> Resumed:
         reason = f"the count of this flight is lost ({self._path}: {why[:200]}): set a mission"
-        return Resumed(None, reason, blocked=reason)
+        return Resumed(None, "", blocked=reason)

@@ -1,0 +1,325 @@
+"""The navigator's parts: detector, mouth estimate, turning, inputs, odometry, store, missions."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from juncnet.camera import CameraGeometry
+from juncnet.clocks import Instant
+from juncnet.messages import (
+    Capabilities,
+    JunctionScore,
+    Mission,
+    ModelIdentity,
+    Output,
+    Phase,
+    Pose,
+    RoadCommand,
+    RoadSeen,
+    Stamp,
+    Turn,
+    VehicleState,
+    Velocity,
+)
+from juncnet_services.junction_navigation import turning
+from juncnet_services.junction_navigation.config import (
+    DetectorConfig,
+    NavigatorConfig,
+    TurnConfig,
+)
+from juncnet_services.junction_navigation.detector import JunctionDetector, mouth_m
+from juncnet_services.junction_navigation.missions import load_mission
+from juncnet_services.junction_navigation.navigator import Navigator
+from juncnet_services.junction_navigation.odometry import Odometry
+from juncnet_services.junction_navigation.progress import Junction, Progress
+from juncnet_services.junction_navigation.speed import braking_mps, feasible, scaled
+from juncnet_services.junction_navigation.store import FILE_NAME, Store
+
+BAND = CameraGeometry().band
+MISSION = Mission(turns=(Turn(at=1, turn="left"),), finish_after=2)
+MODEL = ModelIdentity(name="m", sha256="0" * 64)
+MEASURING = Capabilities(kind="copter", turns_in_place=True, telemetry=True)
+
+
+def progress() -> Progress:
+    return Progress(flight="f", configured=MISSION, mission=MISSION)
+
+
+def stamp(time_ns: int, sequence: int = 1, epoch: int = 1, clock: str = "c") -> Stamp:
+    return Stamp(epoch=epoch, sequence=sequence, time_ns=time_ns, clock=clock)
+
+
+def vehicle(forward_mps: float = 0.0, **fields: object) -> VehicleState:
+    values: dict[str, object] = {
+        "at": stamp(1),
+        "capabilities": MEASURING,
+        "yaw_rad": 0.0,
+        "velocity": Velocity(forward_mps=forward_mps),
+        "output": Output.PIPELINE,
+    }
+    return VehicleState.model_validate(values | fields)
+
+
+def road(sequence: int, time_ns: int, source: str = "vision", confidence: float = 0.9):
+    return RoadCommand(
+        header=stamp(time_ns, sequence),
+        source=source,
+        velocity=Velocity(forward_mps=6.0, lateral_mps=0.5, yaw_rate_radps=0.4),
+        confidence=confidence,
+        road=RoadSeen(offset_m=0.0, heading_rad=0.0, width_m=6.0),
+    )
+
+
+def score(sequence: int, time_ns: int, p: float = 0.1) -> JunctionScore:
+    header = stamp(time_ns, sequence)
+    return JunctionScore(header=header, model=MODEL, probabilities={"none": 1 - p, "junction": p})
+
+
+# --- detector ---
+
+
+def test_smoothing_is_by_time_and_not_by_frames() -> None:
+    reached: list[float] = []
+    for step_ms in (10, 40, 80):
+        state = progress()
+        detector = JunctionDetector(DetectorConfig(), BAND, state)
+        detector.smooth(0, 0.0)
+        for t in range(step_ms, 241, step_ms):
+            detector.smooth(t * 1_000_000, 1.0)
+        reached.append(state.smoothed)
+    assert reached == pytest.approx([1 - math.exp(-0.24 / 0.12)] * 3)
+
+
+def test_one_bright_frame_does_not_rise() -> None:
+    state = progress()
+    detector = JunctionDetector(DetectorConfig(), BAND, state)
+    edges = [detector.smooth(i * 40_000_000, float(i == 5)) for i in range(20)]
+    assert edges == [None] * 20
+
+
+def test_a_short_rise_is_no_junction_and_a_long_one_is() -> None:
+    state = progress()
+    detector = JunctionDetector(DetectorConfig(), BAND, state)
+    detector.risen(0.0, "junction")
+    detector.fallen(1.0)
+    state.odometer_m = 8.0
+    assert detector.next_junction() is None
+    assert state.candidate is None
+    detector.risen(10.0, "junction")
+    state.odometer_m = 10.0 + detector.confirm_m + 0.1
+    assert detector.next_junction() == Junction(rise_m=10.0)
+
+
+def test_nothing_is_counted_right_behind_a_junction() -> None:
+    state = progress()
+    detector = JunctionDetector(DetectorConfig(gap_m=3.0), BAND, state)
+    state.left_m = 20.0
+    detector.risen(15.0, "junction")
+    state.odometer_m = 22.9
+    assert detector.next_junction() is None
+    state.odometer_m = 23.1
+    assert detector.next_junction() is not None
+
+
+def test_a_dip_is_no_fall() -> None:
+    state = progress()
+    state.junction = Junction(rise_m=0.0)
+    detector = JunctionDetector(DetectorConfig(), BAND, state)
+    detector.fallen(6.0)
+    detector.risen(7.0, "junction")
+    assert state.junction.fall_m is None
+    assert state.candidate is None
+
+
+def test_the_mouth_comes_from_the_camera() -> None:
+    exact = Junction(rise_m=100.0, fall_m=100.0 + BAND.d_far_m - BAND.d_near_m)
+    assert mouth_m(exact, BAND, 112.0) == pytest.approx(100.0 + BAND.d_far_m)
+    assert mouth_m(Junction(rise_m=100.0), BAND, 101.0) == pytest.approx(100.0 + BAND.d_far_m)
+    lost = Junction(rise_m=100.0, fall_m=102.0)
+    assert mouth_m(lost, BAND, 103.0) == pytest.approx(100.0 + BAND.d_far_m)
+    unseen = Junction(rise_m=100.0, rise_seen=False, fall_m=102.0)
+    assert mouth_m(unseen, BAND, 103.0) == pytest.approx(102.0 + BAND.d_near_m)
+
+
+def test_a_late_fall_outweighs_the_rise_but_a_stuck_score_is_bounded() -> None:
+    expected = 100.0 + BAND.d_far_m
+    late = Junction(rise_m=100.0, fall_m=102.0 + BAND.d_far_m - BAND.d_near_m)
+    assert expected + 1.5 < mouth_m(late, BAND, 0.0) < expected + 3.0
+    assert mouth_m(Junction(rise_m=100.0), BAND, 500.0) <= expected + 0.1 * BAND.d_far_m + 1e-9
+
+
+# --- turning and speeds ---
+
+
+def test_an_arc_of_a_right_angle_begins_a_radius_before_the_corner() -> None:
+    assert turning.tangent_m(3.0, math.pi / 2) == pytest.approx(3.0)
+    assert turning.tangent_m(0.0, math.pi / 2) == 0.0
+    rover = Capabilities(minimum_radius_m=4.0)
+    assert turning.arc_radius_m(TurnConfig(), rover) == pytest.approx(4.4)
+    assert turning.arc_radius_m(TurnConfig(), MEASURING) == 0.0
+
+
+def test_the_search_goes_on_then_back_then_ends() -> None:
+    config = TurnConfig(settle_s=1.0, sweep_radps=0.5, search_rad=0.5)
+    seen = [turning.sweep_rad(t, -1.0, config) for t in (0.5, 2.0, 3.0, 4.0, 4.1)]
+    assert seen == [0.0, pytest.approx(-0.5), pytest.approx(0.0), pytest.approx(0.5), None]
+
+
+def test_agreement_takes_frames_in_a_row() -> None:
+    sight = turning.RoadSight(TurnConfig(frames=3))
+    for confidence in (0.9, 0.9, 0.1, 0.9, 0.9):
+        sight.look(road(1, 1, confidence=confidence), 1.5, 1.57, 0.3)
+    assert sight.agreed_rad is None
+    sight.look(road(1, 1), 1.5, 1.57, 0.3)
+    assert sight.agreed_rad == pytest.approx(1.5)
+    assert sight.aligned
+    sight.look(road(1, 1), 0.0, 1.57, 0.3)
+    assert sight.agreed_rad is None
+
+
+def test_speeds() -> None:
+    fast = Velocity(forward_mps=6.0, lateral_mps=1.0, yaw_rate_radps=0.6)
+    assert scaled(fast, 3.0) == Velocity(forward_mps=3.0, lateral_mps=0.5, yaw_rate_radps=0.3)
+    rover = Capabilities(minimum_radius_m=3.0)
+    turned = feasible(Velocity(forward_mps=1.5, lateral_mps=1.0, yaw_rate_radps=-2.0), rover, 1.0)
+    assert turned == Velocity(forward_mps=1.5, yaw_rate_radps=-0.5)
+    assert braking_mps(0.0, 1.0, 1.5, 0.3) == 0.0
+    assert braking_mps(3.0, 0.0, 1.5, 0.3) == pytest.approx(3.0)
+    assert 0 < braking_mps(0.1, 1.0, 1.5, 0.3) < 0.5
+
+
+# --- odometry ---
+
+
+def test_distance_is_measured_or_commanded() -> None:
+    state = progress()
+    odometry = Odometry(NavigatorConfig(), state, resumed=False)
+    for i in range(26):
+        odometry.advance(i * 40_000_000, vehicle(2.0))
+    assert state.odometer_m == pytest.approx(2.0)
+    assert odometry.at(500_000_000)[0] == pytest.approx(1.0)
+    silent = Capabilities(turns_in_place=True)
+    commanded = Velocity(forward_mps=2.0, yaw_rate_radps=1.0)
+    state = progress()
+    odometry = Odometry(NavigatorConfig(velocity_lag_s=0.0), state, resumed=False)
+    for i in range(26):
+        odometry.advance(i * 40_000_000, vehicle(capabilities=silent, commanded=commanded))
+    assert state.odometer_m == pytest.approx(2.0)
+    assert state.yaw_rad == pytest.approx(1.0)
+
+
+def test_yaw_is_unwrapped() -> None:
+    state = progress()
+    odometry = Odometry(NavigatorConfig(), state, resumed=False)
+    for i, yaw in enumerate((3.0, -3.0, -2.0)):
+        odometry.advance(i, vehicle(yaw_rad=yaw))
+    assert state.yaw_rad == pytest.approx(2 * math.pi - 2.0)
+
+
+def test_a_restart_goes_on_by_the_pose() -> None:
+    state = progress()
+    state.odometer_m, state.position_m = 50.0, (1.0, 1.0)
+    Odometry(NavigatorConfig(), state, True).advance(0, vehicle(pose=Pose(x_m=4.0, y_m=5.0)))
+    assert state.odometer_m == pytest.approx(55.0)
+
+
+# --- navigator: what it refuses and when it holds ---
+
+NOW = 10_000_000_000
+
+
+def started() -> Navigator:
+    navigator = Navigator(NavigatorConfig(), MISSION, "f")
+    decision = navigator.step(Instant(NOW, "c"), score(1, NOW), road(1, NOW), vehicle(1.0))
+    assert decision.state.reason == "the count starts at 0"
+    assert decision.state.phase is Phase.FOLLOWING
+    assert decision.velocity == Velocity(forward_mps=3.0, yaw_rate_radps=0.2)
+    assert decision.header == stamp(NOW)
+    return navigator
+
+
+def test_stale_pictures_hold_with_a_reason() -> None:
+    navigator = started()
+    later = NOW + 250_000_000
+    decision = navigator.step(Instant(later, "c"), None, road(2, later), vehicle(1.0))
+    assert decision.velocity == Velocity()
+    assert "junction/score" in decision.state.reason
+    decision = navigator.step(Instant(later, "c"), score(2, later), None, vehicle(1.0))
+    assert decision.velocity.forward_mps == 3.0
+
+
+def test_a_silent_vehicle_and_a_foreign_clock_hold() -> None:
+    navigator = started()
+    later = NOW + 600_000_000
+    decision = navigator.step(Instant(later, "c"), score(2, later), road(2, later))
+    assert "vehicle/state" in decision.state.reason
+    decision = started().step(Instant(NOW, "other"))
+    assert decision.velocity == Velocity()
+
+
+def test_an_unsure_follower_holds_while_following() -> None:
+    navigator = started()
+    decision = navigator.step(Instant(NOW, "c"), None, road(2, NOW, confidence=0.1), vehicle())
+    assert decision.state.phase is Phase.FOLLOWING
+    assert decision.velocity == Velocity()
+    assert "not sure" in decision.state.reason
+
+
+def test_other_sources_and_replays_are_refused() -> None:
+    navigator = started()
+    now = Instant(NOW + 1, "c")
+    decision = navigator.step(now, score(1, NOW), road(2, NOW, source="intruder"))
+    assert len(decision.refused) == 2
+    assert "intruder" in decision.refused[1]
+    assert navigator.step(now, None, road(1, NOW)).refused != ()
+    assert navigator.step(now, None, road(2, NOW)).refused == ()
+
+
+def test_a_mission_is_set_between_junctions_only() -> None:
+    navigator = started()
+    navigator.progress.count = 3
+    reply = navigator.set_mission(Mission(name="new"))
+    assert reply.accepted
+    assert "it was 3" in reply.reason
+    assert navigator.progress.count == 0
+    navigator.progress.phase = Phase.TURNING
+    assert not navigator.set_mission(MISSION).accepted
+    assert navigator.progress.mission.name == "new"
+
+
+# --- store and missions ---
+
+
+def test_progress_is_resumed_for_the_same_flight_and_mission_only(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    assert store.resume("f", MISSION).progress is None
+    saved = progress()
+    saved.count, saved.phase = 2, Phase.CROSSING
+    store.save(saved)
+    assert store.resume("f", MISSION).progress == saved
+    other = store.resume("g", MISSION)
+    assert other.progress is None
+    assert "another flight" in other.note
+    assert "another mission" in store.resume("f", Mission()).note
+
+
+def test_unreadable_progress_holds_until_a_mission_is_set(tmp_path: Path) -> None:
+    (tmp_path / FILE_NAME).write_text('{"flight": "f", "count"')
+    found = Store(tmp_path).resume("f", MISSION)
+    assert found.progress is None
+    navigator = Navigator(NavigatorConfig(), MISSION, "f", found)
+    inputs = (Instant(NOW, "c"), score(1, NOW), road(1, NOW), vehicle())
+    decision = navigator.step(*inputs)
+    assert decision.velocity == Velocity()
+    assert "set a mission" in decision.state.reason
+    assert navigator.set_mission(MISSION).accepted
+    assert navigator.step(Instant(NOW, "c")).velocity.forward_mps > 0
+
+
+def test_missions_that_come_with_the_product_are_valid() -> None:
+    for name in ("left_right", "follow", "third_left"):
+        assert load_mission(name).name == name
+    assert load_mission(MISSION) is MISSION
+    with pytest.raises(FileNotFoundError, match="left_right"):
+        load_mission("no_such_mission")
