@@ -120,7 +120,7 @@ class Extractor:
         return self.batch([luminance])[0]
 
     def batch(self, luminances: Luminance | Sequence[Luminance]) -> F32:
-        """Return the features (N, C, S, S), float32, of pictures: (N, H, W), or a list of any sizes.
+        """Return the features (N, C, S, S), float32, of (N, H, W), or of a list of any sizes.
 
         Raises:
             ValueError: one of them is not a uint8 picture (H, W) of at least 2x2.
@@ -152,8 +152,7 @@ class Extractor:
 def cropped(luminance: Luminance, crop: Crop) -> Luminance:
     """Return the part of a picture (H, W) that `crop` leaves: a view.
 
-    Edges are rounded to multiples of 4 pixels in pictures of 256 pixels and more, so that what is
-    left can be halved twice without a remainder.
+    Edges are rounded to whole pixels.
 
     Raises:
         ValueError: not a uint8 picture of at least 2x2.
@@ -168,9 +167,7 @@ def cropped(luminance: Luminance, crop: Crop) -> Luminance:
 
 
 def _span(length: int, before: float, after: float) -> slice:
-    grid = 4 if length >= 256 else 1
-    start = grid * round(length * before / grid)
-    stop = length - grid * round(length * after / grid)
+    start, stop = round(length * before), length - round(length * after)
     return slice(start, stop) if stop > start else slice(0, length)
 
 
@@ -192,5 +189,5 @@ def sharpened(pictures: F32, amount: float) -> F32:
 def standardised(features: F32) -> F32:
     """Return features (N, C, S, S), each channel with mean 0 and deviation 1; a flat one is 0."""
     centred = features - features.mean(axis=(2, 3), keepdims=True)
-    deviation = centred.std(axis=(2, 3), keepdims=True)
-    return centred / np.maximum(deviation, np.float32(1e-3))
+    deviation = np.maximum(centred.std(axis=(2, 3), keepdims=True), 1e-3)
+    return np.divide(centred, deviation, dtype=np.float32)

@@ -1,8 +1,8 @@
 """The Radon transform and filtered back-projection, as the paper's equations 1 to 6 have them.
 
-The discretisation is scikit-image's (`radon`, `iradon` with linear interpolation), written anew with
-numpy only: the rotation axis is the pixel (H // 2, W // 2), offsets count pixels from it, and an
-angle is in degrees. Axis letters: `(H, W)` image, `(R, A)` sinogram (offsets by angles).
+The discretisation is scikit-image's (`radon`, `iradon` with linear interpolation), written anew
+with numpy only: the rotation axis is the pixel (H // 2, W // 2), offsets count pixels from it, and
+angles are in degrees. Axis letters: `(H, W)` image, `(R, A)` sinogram (offsets by angles).
 
 With `circle` a projection is as wide as the picture's shorter side and the reconstruction is zero
 outside the inscribed circle; without, it is as wide as the diagonal and nothing is cut off.
@@ -55,7 +55,7 @@ def radon(image: Floats, angles_deg: Sequence[float], circle: bool = True) -> Fl
     """
     angles = checked_angles(angles_deg)
     square, origin = _central_square(_checked_picture(image), circle)
-    offsets = projection_size(*image.shape, circle)
+    offsets = projection_size(image.shape[0], image.shape[1], circle)
     bordered = np.pad(square, 1)
     sinogram = np.empty((offsets, len(angles)), image.dtype)
     for column, angle in enumerate(angles):
@@ -189,7 +189,7 @@ def filter_matrix(offsets: int, filter_name: FilterName | None, circle: bool) ->
 
 
 def filter_response(length: int, filter_name: FilterName | None) -> Floats:
-    """Return |omega| times the window, by frequency in FFT order, (length,) float64; length is even.
+    """Return |omega| times the window in FFT order, (length,) float64, length even.
 
     The ramp is the transform of its own samples (Kak and Slaney, chapter 3, equation 61), which
     spares the reconstruction a small bias.

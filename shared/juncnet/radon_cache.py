@@ -18,7 +18,7 @@ from juncnet.radon_operator import Blocks, Geometry, Reconstruction, block_sizes
 
 
 def cache_directory() -> Path:
-    """Return the user's cache directory for maps: `$XDG_CACHE_HOME/juncnet` or `~/.cache/juncnet`."""
+    """Return the user's cache for maps: `$XDG_CACHE_HOME/juncnet` or `~/.cache/juncnet`."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "juncnet"
 

@@ -2,11 +2,11 @@
 
 As a dense matrix the map of 64x64 pictures has 4096 x 4096 numbers, and reading them takes longer
 than multiplying. The discretisation of `juncnet.radon` commutes exactly with the mirrors of the
-square about the rotation axis, and with its diagonal ones, if the lattice of offsets is symmetric (an
-odd number of them) and so are the angles. In coordinates that are even or odd under each mirror the
-matrix then falls into blocks: one of 561, 528, 528 and 496 rows each and one of 1056 rows used twice,
-together 7.5 times smaller and 5 times less to multiply, without any approximation. A picture of even
-side is first given the row and the column of zeros that it lacks opposite to its first ones.
+square about the rotation axis, and with its diagonal ones, if the lattice of offsets is symmetric
+(an odd number of them) and so are the angles. In coordinates that are even or odd under each mirror
+the matrix then falls into blocks: of 561, 528, 528 and 496 rows, and one of 1056 rows used twice:
+together 7.5 times smaller and 5 times less to multiply, without any approximation. A picture of
+even side is first given the row and the column of zeros that it lacks opposite to its first ones.
 """
 
 from collections.abc import Callable
@@ -71,7 +71,7 @@ class Geometry:
 
     @property
     def domain(self) -> int:
-        """Side of the square on which the map is built: odd, the axis in its middle, if mirrored."""
+        """Side of the square on which the map is built: if mirrored odd, the axis in its middle."""
         return self.size if self.symmetry is Symmetry.NONE else 2 * (self.size // 2) + 1
 
 
@@ -174,9 +174,9 @@ def block_sizes(geometry: Geometry) -> dict[str, int]:
 def build_blocks(geometry: Geometry) -> Blocks:
     """Return the map's matrix by blocks, float32 (n, n) each, rows out and columns in.
 
-    Names: `all` without symmetry; else e and o for parts even and odd under the row mirror, then the
-    column mirror; + and - under the diagonal one. Summed over the angles; of two angles that mirror
-    each other one is enough, counted twice.
+    Names: `all` without symmetry; else e and o for parts even and odd under the row mirror, then
+    the column mirror; + and - under the diagonal one. Summed over the angles; of two angles that
+    mirror each other one is enough, counted twice.
     """
     symmetry = geometry.symmetry
     offsets, size = geometry.offsets, geometry.domain
@@ -189,9 +189,9 @@ def build_blocks(geometry: Geometry) -> Blocks:
         filtered = (matrix @ forward.reshape(offsets, -1)).reshape(back_size, size, size)
         into = _coordinates(filtered.astype(np.float32), symmetry, centre=0.5)
         out = _coordinates(backward.astype(np.float32), symmetry, centre=1.0)
-        scale = count * np.pi / (2 * len(geometry.angles_deg))
+        scale = np.float32(count * np.pi / (2 * len(geometry.angles_deg)))
         for name, part in into.items():
-            product = (out[name] * np.float32(scale)).T @ part
+            product = np.matmul((out[name] * scale).T, part, dtype=np.float32)
             if name in blocks:
                 blocks[name] += product
             else:
@@ -226,7 +226,8 @@ def _forward_matrix(angle: float, offsets: int, size: int) -> NDArray[np.float64
     index, weight = radon.bilinear_samples(angle, offsets, (size, size), origin)
     bordered = (size + 2) ** 2
     target = index + np.arange(offsets) * bordered
-    matrix = np.bincount(target.ravel(), weight.ravel(), minlength=offsets * bordered)
+    matrix = np.zeros(offsets * bordered)
+    matrix += np.bincount(target.ravel(), weight.ravel(), minlength=len(matrix))
     return matrix.reshape(offsets, size + 2, size + 2)[:, 1:-1, 1:-1]
 
 
@@ -244,25 +245,24 @@ def _backward_matrix(angle: float, offsets: int, size: int, circle: bool) -> NDA
 
 
 def _coordinates(rows: F32, symmetry: Symmetry, centre: float) -> Blocks:
-    """Return rows of a matrix (R, D, D) in the coordinates of the symmetry, (R, n) for each block.
+    """Return rows of a matrix (R, D, D) in coordinates of the symmetry, (R, n) for each block.
 
-    `centre` weighs what lies on a mirror: a sum counts it twice, so the map's input side takes half.
+    `centre` weighs what lies on a mirror: sums count it twice, so the map's input side takes half.
     """
     if symmetry is Symmetry.NONE:
         return {"all": rows.reshape(len(rows), -1)}
     ee, eo, oe, oo = _fold(rows)
-    even = np.full(ee.shape[1], 0.5, np.float32)
-    even[0] *= centre
-    ee, eo, oe, oo = (
-        ee * np.outer(even, even),
-        eo * (even[:, None] * np.float32(0.5)),
-        oe * (even * np.float32(0.5)),
-        oo * np.float32(0.25),
-    )
-    flat = {name: part.reshape(len(part), -1) for name, part in (("eo", eo), ("oe", oe))}
+    for part in (ee, eo, oe, oo):
+        part *= np.float32(0.25)
+    ee[:, 0] *= np.float32(centre)
+    ee[:, :, 0] *= np.float32(centre)
+    eo[:, 0] *= np.float32(centre)
+    oe[:, :, 0] *= np.float32(centre)
+    blocks: Blocks = {"eo": eo.reshape(len(eo), -1)}
     if symmetry is Symmetry.MIRRORS:
-        return flat | {"ee": ee.reshape(len(ee), -1), "oo": oo.reshape(len(oo), -1)}
-    blocks = {"eo": flat["eo"]}
+        for name, part in (("ee", ee), ("oe", oe), ("oo", oo)):
+            blocks[name] = part.reshape(len(part), -1)
+        return blocks
     for name, part in (("ee", ee), ("oo", oo)):
         upper, strict = np.triu_indices(part.shape[1]), np.triu_indices(part.shape[1], 1)
         weight = np.where(upper[0] == upper[1], 0.5 * centre, 0.5).astype(np.float32)
