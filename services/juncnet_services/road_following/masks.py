@@ -1,4 +1,4 @@
-"""Where the road is in a picture: small colour pictures, and two ways to a road mask of them."""
+"""Where the road is in a small picture: by its colour, or by a small trained network."""
 
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -7,11 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from juncnet.frames import Frame
-from juncnet.messages import PixelFormat
-
-SIZE = (160, 96)
-"""Width and height of the small pictures, whatever the camera's shape."""
+from juncnet.small_picture import SIZE
 
 
 class MaskError(ValueError):
@@ -22,41 +18,8 @@ class RoadMask(Protocol):
     """Tells road from everything else."""
 
     def probability(self, small: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Return the probability of road, float32 (h, w), over the whole of a picture of `shrink`."""
+        """Return the probability of road, float32 (h, w), of a `shrink`ed picture."""
         ...
-
-
-def shrink(frame: Frame) -> NDArray[np.uint8]:
-    """Return the picture as uint8 (96, 160, 3): luminance, U and V, each averaged over its area.
-
-    Planar formats are never converted at full size; grey pictures get U = V = 128.
-    """
-    width, height = SIZE
-    layout = frame.layout
-    if layout.format is PixelFormat.BGR8:
-        return np.asarray(cv2.cvtColor(_shrunk(frame.plane()), cv2.COLOR_BGR2YUV), dtype=np.uint8)
-    small = np.full((height, width, 3), 128, np.uint8)
-    small[..., 0] = _shrunk(frame.plane())
-    chroma = frame.pixels[layout.stride * layout.height :]
-    if layout.format is PixelFormat.I420:
-        planes = chroma.reshape(2, layout.height // 2, layout.stride // 2)
-        small[..., 1] = _shrunk(planes[0, :, : layout.width // 2])
-        small[..., 2] = _shrunk(planes[1, :, : layout.width // 2])
-    elif layout.format is PixelFormat.NV12:
-        pairs = chroma.reshape(layout.height // 2, layout.stride // 2, 2)
-        small[..., 1:] = _shrunk(pairs[:, : layout.width // 2])
-    return small
-
-
-def _shrunk(plane: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a plane (H, W) or (H, W, C) at `SIZE`: by a whole factor first, which is fast."""
-    height, width = plane.shape[:2]
-    factor = min(width // SIZE[0], height // SIZE[1])
-    if factor > 1:
-        plane = plane[: height // factor * factor, : width // factor * factor]
-        whole = (width // factor, height // factor)
-        plane = np.asarray(cv2.resize(plane, whole, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    return np.asarray(cv2.resize(plane, SIZE, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
 
 
 class ColourMask:

@@ -6,11 +6,12 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from juncnet.assets import asset_path
 from juncnet.camera import CameraGeometry
 from juncnet.clocks import NS_PER_S
 from juncnet.frames import Frame
-from juncnet.assets import asset_path
 from juncnet.messages import RoadSeen, Stamp, VehicleState
+from juncnet.small_picture import shrink
 from juncnet_services.road_following.centre_line import (
     LOOSE_SIGMA,
     PRIOR_SIGMA,
@@ -20,7 +21,7 @@ from juncnet_services.road_following.centre_line import (
 )
 from juncnet_services.road_following.follower import Proposal
 from juncnet_services.road_following.ground_view import GroundView, RoadEdges
-from juncnet_services.road_following.masks import ColourMask, NetworkMask, RoadMask, shrink
+from juncnet_services.road_following.masks import ColourMask, NetworkMask, RoadMask
 from juncnet_services.road_following.steering import SteeringOptions, steer
 
 LOST_SUPPORT = 0.12
