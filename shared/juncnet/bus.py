@@ -149,6 +149,11 @@ class ZenohBus(ServiceProcess):
         self._threads: list[threading.Thread] = []
         self._queries: list[queue.SimpleQueue[zenoh.Query | None]] = []
 
+    @property
+    def session(self) -> zenoh.Session:
+        """The session, for what the Bus contract does not cover."""
+        return self._session
+
     # Publishing
 
     def publish(self, topic: Topic[M], message: M, robot: str | None = None) -> None:

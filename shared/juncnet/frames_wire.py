@@ -25,7 +25,12 @@ nobody asks for raw pixels by watching everything."""
 
 _FIELDS = struct.Struct("<8sHBBIIIQQQQQQQB128s")
 _CHECK = struct.Struct("<I")
-_FORMATS = (PixelFormat.I420, PixelFormat.NV12, PixelFormat.BGR8, PixelFormat.GRAY8)
+_FORMATS: tuple[PixelFormat, ...] = (
+    PixelFormat.I420,
+    PixelFormat.NV12,
+    PixelFormat.BGR8,
+    PixelFormat.GRAY8,
+)
 
 
 @dataclass(frozen=True)
@@ -77,9 +82,10 @@ class FramePrefix:
             raise MessageError(f"Frame.prefix: not a frame of version {VERSION}")
         if _CHECK.unpack_from(data, len(body))[0] != zlib.crc32(body):
             raise MessageError("Frame.prefix: damaged, its checksum differs")
-        if values[2] >= len(_FORMATS):
-            raise MessageError(f"Frame.format: {values[2]} is unknown")
-        layout = FrameLayout(_FORMATS[values[2]], values[4], values[5], values[6])
+        code: int = values[2]
+        if code >= len(_FORMATS):
+            raise MessageError(f"Frame.format: {code} is unknown")
+        layout = FrameLayout(_FORMATS[code], values[4], values[5], values[6])
         layout.check()
         if values[7] != layout.nbytes:
             raise MessageError(f"Frame.nbytes: {values[7]}, {layout} needs {layout.nbytes}")
