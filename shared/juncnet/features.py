@@ -54,12 +54,12 @@ class Preprocessing(BaseModel):
     source: Literal["luminance"] = "luminance"
     """The camera's Y as it comes, uint8 in 0..255."""
     crop: Crop = Crop()
-    size: int = Field(64, ge=8, le=MAX_SIZE)
+    size: int = Field(default=64, ge=8, le=MAX_SIZE)
     """Side of the network's input in pixels; resized by area average, then divided by 255."""
-    sharpening: float = Field(1.0, ge=0.0, le=10.0)
+    sharpening: float = Field(default=1.0, ge=0.0, le=10.0)
     """Amount of the Laplacian added, then clipped to [0, 1]; 0: none; 1: the usual 3x3 kernel with
     5 in its middle. At the network's size: area averaging would undo it at the camera's."""
-    channels: tuple[Literal["gray", "radon"], ...] = Field(("gray", "radon"), min_length=1)
+    channels: tuple[Literal["gray", "radon"], ...] = Field(default=("gray", "radon"), min_length=1)
     """In this order: the sharpened picture; its filtered back-projection."""
     angles: int | tuple[Degrees, ...] = 180
     """A number of angles that divide the half turn evenly, or the angles in degrees."""
@@ -190,4 +190,4 @@ def standardised(features: F32) -> F32:
     """Return features (N, C, S, S), each channel with mean 0 and deviation 1; a flat one is 0."""
     centred = features - features.mean(axis=(2, 3), keepdims=True)
     deviation = np.maximum(centred.std(axis=(2, 3), keepdims=True), 1e-3)
-    return np.divide(centred, deviation, dtype=np.float32)
+    return (centred / deviation).astype(np.float32, copy=False)
