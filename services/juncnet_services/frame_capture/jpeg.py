@@ -31,7 +31,7 @@ def encode_jpeg(frame: Frame, options: JpegOptions) -> JpegImage:
     pixels = frame.bgr()
     if frame.width > options.max_width:
         height = max(1, round(frame.height * options.max_width / frame.width))
-        pixels = cv2.resize(pixels, (options.max_width, height), interpolation=cv2.INTER_AREA)
+        pixels = cv2.resize(pixels, (options.max_width, height), interpolation=cv2.INTER_LINEAR)
     _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, options.quality])
     height, width = pixels.shape[:2]
     return JpegImage.of(data.tobytes(), header=frame.header, width=width, height=height)

@@ -4,7 +4,6 @@ Of a live camera the newest picture is published and older ones are dropped. At 
 recording the service stays alive, says `end_of_file` in its health and publishes nothing more.
 """
 
-import logging
 from contextlib import closing
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -16,8 +15,6 @@ from juncnet_services.frame_capture.contract import CameraError
 from juncnet_services.frame_capture.jpeg import JpegOptions
 from juncnet_services.frame_capture.output import CameraOutput
 from juncnet_services.frame_capture.simulated import SimulatedSource
-
-log = logging.getLogger(__name__)
 
 WAIT_S = 0.2
 EXIT_BAD_SOURCE = 2
@@ -67,7 +64,6 @@ def run(bus: Bus, config: Config) -> None:
                 if camera.ended:
                     bus.wait(WAIT_S)
     except CameraError as error:
-        log.error("%s", error)
         bus.health.error(str(error))
         raise SystemExit(EXIT_BAD_SOURCE) from error
 
