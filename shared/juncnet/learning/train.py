@@ -1,6 +1,6 @@
 """Trains a junction network on labelled pictures and exports it to ONNX.
 
-    python -m juncnet.learning.train DATA.npz ... --validation VAL.npz --out models/juncnet.onnx
+python -m juncnet.learning.train DATA.npz ... --validation VAL.npz --out models/juncnet.onnx
 """
 
 import argparse
@@ -40,9 +40,7 @@ def augment(gray: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uin
 
 def balanced_accuracy(probability: NDArray[np.floating], label: NDArray[np.uint8]) -> float:
     """Return the mean of the recalls of *none* and *junction* at a threshold of 0.5."""
-    recalls = [
-        float(((probability >= 0.5) == bool(cls))[label == cls].mean()) for cls in (0, 1)
-    ]
+    recalls = [float(((probability >= 0.5) == bool(cls))[label == cls].mean()) for cls in (0, 1)]
     return sum(recalls) / 2
 
 
