@@ -1,4 +1,4 @@
-"""How the simulated vehicles move: a copter and an Ackermann rover, as pure steps of their state."""
+"""How the simulated vehicles move: a copter and an Ackermann rover, as steps of their state."""
 
 import math
 from dataclasses import dataclass, replace
@@ -54,7 +54,7 @@ CALM = Drift(0.0, 0.0)
 
 @dataclass(frozen=True)
 class Copter:
-    """A multicopter that holds its altitude: velocities lag, yaw has inertia, everything is limited."""
+    """A multicopter that holds its altitude: velocities lag, yaw has inertia, all is limited."""
 
     speed_error: float = 1.0
     """Its real speed is this times what it is told and believes."""
@@ -100,7 +100,7 @@ class Copter:
 
 @dataclass(frozen=True)
 class Rover:
-    """A car-like rover (bicycle model): it turns only while it rolls, on arcs of `min_radius_m` or more."""
+    """A car-like rover (bicycle model): turns only while it rolls, `min_radius_m` at least."""
 
     speed_error: float = 1.0
     """Its real speed is this times what it is told and believes."""

@@ -74,7 +74,7 @@ def decode_command(datagram: bytes) -> Setpoint | Hello:
     """Return what a client sent.
 
     Raises:
-        LinkError: it is neither a setpoint nor a hello, or a field is missing, unknown or not finite.
+        LinkError: neither a setpoint nor a hello, or a field is missing, unknown or not finite.
     """
     values = _object(datagram)
     kind = values.pop("type", None)

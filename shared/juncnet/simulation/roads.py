@@ -44,7 +44,7 @@ def arm_ends(world: World, arm: int) -> tuple[int, int]:
 
 
 def resample(points: Points, spacing_m: float = SPACING_M) -> Points:
-    """Return an (M, 2) polyline along `points` (N, 2), its points evenly and <= `spacing_m` apart."""
+    """Return an (M, 2) polyline along `points` (N, 2), evenly spaced, <= `spacing_m` apart."""
     along = arc_lengths(points)
     count = max(2, math.ceil(along[-1] / spacing_m) + 1)
     wanted = np.linspace(0.0, along[-1], count)
@@ -64,7 +64,7 @@ def smooth_curve(
     """Return a smooth polyline, points <= 0.5 m apart, between two straight pieces.
 
     It leaves `start` (2,) along `start_heading` [rad] for `straight[0]` metres and arrives at `end`
-    along `end_heading` (the heading of driving, not of the arm) after `straight[1]` straight metres.
+    along `end_heading` (of driving, not of the arm) after `straight[1]` straight metres.
     """
     u = np.array([math.cos(start_heading), math.sin(start_heading)])
     v = np.array([math.cos(end_heading), math.sin(end_heading)])
@@ -273,8 +273,10 @@ class RoadNetwork:
         rows: list[NDArray[np.int64]] = []
         first = 0
         for count in counts:
-            for begin in range(0, count, _GROUP):
-                rows.append(np.minimum(np.arange(begin, begin + _GROUP), count - 1) + first)
+            rows.extend(
+                np.minimum(np.arange(begin, begin + _GROUP), count - 1) + first
+                for begin in range(0, count, _GROUP)
+            )
             first += count
         return np.stack(rows)
 
@@ -316,7 +318,7 @@ class RoadNetwork:
         return fraction, np.hypot(apart[..., 0], apart[..., 1])
 
     def roads_under(self, x_m: float, y_m: float, margin_m: float) -> Nearest:
-        """Return, for each road on whose surface (widened by `margin_m`) a point is, where on it."""
+        """Return where on each road a point is, of those whose surface, widened, is below it."""
         every = np.arange(len(self._road))
         point = np.array([x_m, y_m])
         fraction, distance = self._distances(point[None], every)

@@ -60,7 +60,7 @@ def box_corners(box: Box) -> Points:
 def _beside(
     rng: np.random.Generator, network: RoadNetwork, margin_m: float
 ) -> tuple[float, Points, float, int]:
-    """Return a place on a road, `margin_m` from its ends: half width, point, heading, side (+-1)."""
+    """Return a place `margin_m` from a road's ends: half width, point, heading, side (+-1)."""
     ids = sorted(r for r, length in network.lengths.items() if length > 2 * margin_m + 1.0)
     road = network.world.roads[ids[int(rng.integers(len(ids)))]]
     share = rng.uniform(margin_m, network.lengths[road.id] - margin_m) / network.lengths[road.id]

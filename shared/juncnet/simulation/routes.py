@@ -1,8 +1,9 @@
-"""Routes through a world: missions that can be driven, and the arms that a mission leads through."""
+"""Routes through a world: missions that can be driven, and the arms that they lead through."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -48,7 +49,7 @@ def ways(network: RoadNetwork, arriving: int) -> dict[int, float]:
 
 
 def choose(angles: dict[int, float], turn: Turn) -> int | None:
-    """Return the arm that `turn` means: of those on its side the nearest to its angle; None: none."""
+    """Return the arm that `turn` means, the nearest to its angle; None: there is none near it."""
     wanted = {"left": math.pi / 2, "right": -math.pi / 2, "straight": 0.0}
     target = wanted[turn.turn] if turn.turn else math.radians(turn.angle_deg or 0.0)
     limit = math.pi / 4 if turn.angle_deg is not None else math.radians(50.0)
@@ -104,13 +105,27 @@ def plan_mission(world: World, seed: int, junctions: int = 5) -> Route:
         raise ValueError(f"world {world.name} has no route through {junctions} junctions")
     turns = [
         _name(rng, ways(network, arriving), leaving, count)
-        for count, (arriving, leaving) in enumerate(zip(path, path[1:], strict=False), start=1)
+        for count, (arriving, leaving) in enumerate(pairwise(path), start=1)
     ]
     # Straight on is what happens where a mission names nothing: name it only now and then.
     listed = tuple(t for t in turns if t.turn != "straight" or rng.random() < 0.5)
     mission = Mission(name=f"{world.name}-{seed}-{junctions}", turns=listed, finish_after=junctions)
-    straight = sum(1 for turn in turns if turn.turn == "straight")
-    return Route(mission, path, path_length(network, path), junctions - straight)
+    return _route(network, mission, path)
+
+
+def route_of(world: World, mission: Mission) -> Route:
+    """Return what driving `mission` right from the world's start looks like.
+
+    Raises:
+        ValueError: the mission asks for a way that is not there, or never finishes.
+    """
+    return _route(RoadNetwork(world), mission, expected_path(world, mission))
+
+
+def _route(network: RoadNetwork, mission: Mission, path: tuple[int, ...]) -> Route:
+    angles = [turn_angle(network, a, b) for a, b in pairwise(path)]
+    turns = sum(1 for angle in angles if _side(angle) != "straight")
+    return Route(mission, path, path_length(network, path), turns)
 
 
 def path_length(network: RoadNetwork, path: tuple[int, ...]) -> float:
@@ -146,7 +161,7 @@ def _paths(
 
 
 def _complete(network: RoadNetwork, path: list[int]) -> bool:
-    sides = {_side(ways(network, a)[b]) for a, b in zip(path, path[1:], strict=False)}
+    sides = {_side(ways(network, a)[b]) for a, b in pairwise(path)}
     last = path[-1]
     left = network.lengths[last // 2] - network.setback_m(last)
     left -= network.setback_m(reverse_arm(last))

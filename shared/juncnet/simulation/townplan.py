@@ -30,7 +30,7 @@ APART_M = 12.0
 """Smallest distance between the edges of two roads that do not meet."""
 _ROUNDS = 9
 _TWIN = 20
-"""Third number of the key of a staggered pair's second node; 1..4: a dead end outside, 11, 12: inside."""
+"""Third number in the key of a staggered pair's second node; 1..4, 11, 12: of a dead end."""
 _STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 
 Key = tuple[int, ...]
@@ -329,7 +329,7 @@ def _open(
     widths: dict[tuple[Key, Key], float],
     straight: dict[tuple[Key, Key], float],
 ) -> bool:
-    """Return whether the arms at `key` are far enough apart; put their straight lengths into `straight`."""
+    """Return whether the arms at `key` are far enough apart; note how long they are straight."""
     around = draft.near(key)
     if len(around) < 3:
         straight.update({(key, other): 1.0 for other in around})

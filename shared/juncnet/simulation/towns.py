@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from juncnet.simulation.roads import Junction, RoadNetwork, arc_lengths
-from juncnet.simulation.routes import plan_mission
 from juncnet.simulation.roadside import Density, furnish
+from juncnet.simulation.routes import plan_mission
 from juncnet.simulation.townplan import TownPlan, draw_roads
 from juncnet.simulation.world import Road, Start, Style, TimeOfDay, World, wrap
 
 PALETTES = ("temperate", "dry", "autumn", "nordic", "suburb")
-"""Palettes of random worlds. One more, `withheld`, exists for tests: only an explicit style uses it."""
+"""Palettes of random worlds. `withheld` exists too: only an explicit style uses it, for tests."""
 TIMES_OF_DAY: tuple[TimeOfDay, ...] = ("morning", "noon", "evening", "overcast")
 STAGGERED_M = 32.0
 """Two T junctions on one road, this close or closer, are a staggered junction."""

@@ -6,7 +6,6 @@ from typing import Literal
 import numpy as np
 
 from juncnet.camera import TRANSITION, CameraGeometry
-from juncnet.simulation.roadside import box_corners
 from juncnet.simulation.roads import (
     Junction,
     Points,
@@ -15,6 +14,7 @@ from juncnet.simulation.roads import (
     arm_id,
     reverse_arm,
 )
+from juncnet.simulation.roadside import box_corners
 from juncnet.simulation.world import Box, World, wrap
 
 Label = Literal["junction", "none", "transition"]
@@ -37,9 +37,9 @@ class GroundTruth:
         self.network = RoadNetwork(world)
         self._trees = np.array([[tree.x_m, tree.y_m] for tree in world.trees]).reshape(-1, 2)
         houses = [box_corners(box) for box in world.boxes if box.kind == "building"]
-        self._walls = np.array(
-            [[c[i], c[(i + 1) % 4]] for c in houses for i in range(4)]
-        ).reshape(-1, 2, 2)
+        self._walls = np.array([[c[i], c[(i + 1) % 4]] for c in houses for i in range(4)]).reshape(
+            -1, 2, 2
+        )
 
     def road_offset_m(self, x_m: float, y_m: float, yaw_rad: float) -> float:
         """Return the distance from the nearest centre line; positive: left of it as one drives."""
@@ -98,7 +98,7 @@ class GroundTruth:
         *junction*: the mouth ahead lies between d_near and d_far and at least two of the junction's
         other mouths are in the picture and in sight. *transition*, where the label is a matter of
         taste: on a junction's surface; around d_near and d_far; nearer than d_near; too little of
-        the junction in the picture; a junction in sight that is not on the robot's road. Else *none*.
+        the junction in the picture; a junction in sight off the robot's road. Else *none*.
         """
         if self.junction_of(x_m, y_m) is not None:
             return "transition"
@@ -192,7 +192,7 @@ def _distance_to_box(box: Box, x_m: float, y_m: float) -> float:
 
 
 class PassCounter:
-    """Counts each pass of a junction once: entered, and left by another arm than it was entered by."""
+    """Counts each pass of a junction once: entered by one arm and left by another."""
 
     def __init__(self, truth: GroundTruth) -> None:
         self._truth = truth

@@ -1,0 +1,1 @@
+"""Stands for the drone, camera included; only in simulation."""
