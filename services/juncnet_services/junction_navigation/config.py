@@ -80,7 +80,9 @@ class NavigatorConfig(BaseModel):
     cruise_mps: float = Field(default=3.0, gt=0, le=20)
     """Highest forward speed."""
     approach_mps: float = Field(default=2.0, gt=0, le=20)
-    """Highest forward speed towards a junction where a turn is planned."""
+    """Highest forward speed close to a junction where a turn is planned."""
+    approach_m: float = Field(default=8.0, ge=0, le=100)
+    """How close: distance before the turn begins."""
     deceleration_mps2: float = Field(default=1.5, gt=0, le=10)
     """With which the robot brakes before it turns in place."""
     velocity_lag_s: float = Field(default=0.35, ge=0, le=3)

@@ -110,8 +110,9 @@ class Navigator:
             )
         previous = self.progress.count
         self.progress.mission, self.progress.count = mission, 0
-        self.progress.leave_m = None
-        self.progress.junction = None
+        if self.progress.junction is not None:
+            self.progress.left_m = self.progress.odometer_m
+        self.progress.leave_m = self.progress.junction = None
         self.progress.phase = Phase.WAITING
         self._blocked = self._note = ""
         return Reply(accepted=True, reason=f"the count starts at 0 (it was {previous})")

@@ -78,12 +78,10 @@ class JunctionPlan:
         config = self._config
         if self.straight:
             return config.cruise_mps
-        limit = braking_mps(
-            self.start_ahead_m,
-            self._progress.speed_mps,
-            config.deceleration_mps2,
-            config.velocity_lag_s,
-        )
+        ahead_m, speed = self.start_ahead_m, self._progress.speed_mps
+        far_m = max(ahead_m - config.approach_m, 0.0)
+        slowing = math.sqrt(config.approach_mps**2 + 2 * config.deceleration_mps2 * far_m)
+        limit = braking_mps(ahead_m, speed, config.deceleration_mps2, config.velocity_lag_s)
         if self.radius_m > 0:
             limit = max(limit, config.turn.speed_mps)
-        return min(limit, config.approach_mps, config.cruise_mps)
+        return min(limit, slowing, config.cruise_mps)
