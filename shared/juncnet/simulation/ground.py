@@ -38,7 +38,7 @@ class GroundTexture:
 
         Args:
             world: What to paint.
-            metres_per_px: Size of a pixel; coarser paints faster. Made coarser if the world needs it.
+            metres_per_px: Size of a pixel; coarser paints faster. A large world makes it coarser.
             palette: Colours, instead of those that the world's style names (for variation).
         """
         x_min, y_min, x_max, y_max = world.bounds
@@ -58,7 +58,7 @@ class GroundTexture:
         """(H, W) uint8 of MASK_STEP_M pixels: 0, ROAD or JUNCTION."""
 
     def map_to_plane(self, step: float) -> NDArray[np.float64]:
-        """Return the 3x3 matrix from (x, y, 1) metres to (column, row, 1) of a plane of that step."""
+        """Return the 3x3 matrix from (x, y, 1) to (column, row, 1) of a plane of that step."""
         return np.array(
             [
                 [1 / step, 0, -self.x_min / step - 0.5],

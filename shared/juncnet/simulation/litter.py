@@ -13,7 +13,12 @@ from juncnet.simulation.world import Style, World
 def patches(canvas: Canvas, world: World, palette: Palette) -> None:
     """Paint mud, puddles that show the sky, and repaired surface."""
     gain = canvas.light.gain
-    sky = tuple(0.55 * c / g for c, g in zip(canvas.light.zenith, gain, strict=True))
+    sky = tuple(
+        0.3 * (z + h) / 2 / g + 0.35 * s
+        for z, h, g, s in zip(
+            canvas.light.zenith, canvas.light.horizon, gain, palette.soil, strict=True
+        )
+    )
     for patch in world.patches:
         rng = np.random.default_rng([world.seed, patch.seed, 5])
         outline = blob(patch.x_m, patch.y_m, patch.radius_m, rng)
@@ -22,8 +27,8 @@ def patches(canvas: Canvas, world: World, palette: Palette) -> None:
             inner = blob(patch.x_m, patch.y_m, 0.6 * patch.radius_m, rng, 0.4)
             canvas.shade_fill(inner, -14)
         elif patch.kind == "puddle":
-            rim = outline + 0.12 * (outline - outline.mean(axis=0))
-            canvas.shade_fill(rim, -12)
+            rim = outline + 0.16 * (outline - outline.mean(axis=0))
+            canvas.fill(rim, palette.soil, "dirt", 0.7)
             canvas.fill(outline, (sky[0], sky[1], sky[2]), "plain", 0.9)
         else:
             canvas.fill(outline, palette.asphalt, "asphalt", 0.75)
@@ -31,7 +36,7 @@ def patches(canvas: Canvas, world: World, palette: Palette) -> None:
 
 def leaves(canvas: Canvas, world: World, palette: Palette, rng: np.random.Generator) -> None:
     """Scatter single leaves near roads, more at their edges; one pixel or two each."""
-    if canvas.metres_per_px > 0.12 or palette.litter_density <= 0.02:
+    if canvas.metres_per_px > 0.08 or palette.litter_density <= 0.02:
         return
     y, u, v = yuv(lit(palette.litter, canvas.light, 1.1))
     for _, road in sorted(world.roads.items()):

@@ -22,9 +22,9 @@ Floats = NDArray[np.float32]
 
 
 def smooth_noise(height: int, width: int, cells: float, rng: np.random.Generator) -> Floats:
-    """Return (height, width) float32 noise, mean 0, deviation about 1, with bumps `cells` pixels wide.
+    """Return (height, width) float32 noise, mean 0, deviation about 1, that never repeats.
 
-    It does not repeat.
+    `cells` is the width of its bumps in pixels.
     """
     rows, cols = int(height / cells) + 4, int(width / cells) + 4
     grid = rng.standard_normal((rows, cols)).astype(np.float32)

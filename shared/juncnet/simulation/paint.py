@@ -8,7 +8,7 @@ import numpy as np
 from juncnet.simulation.canvas import Canvas, Points, blob, disc, offset_line, resample, strip
 from juncnet.simulation.materials import Material, smooth_noise
 from juncnet.simulation.mouths import RANK, Arm, arms_at, corner
-from juncnet.simulation.palettes import Palette, lit, yuv_planes
+from juncnet.simulation.palettes import Palette, lit, yuv, yuv_planes
 from juncnet.simulation.world import Road, World
 
 _MATERIAL: dict[str, Material] = {
@@ -75,7 +75,7 @@ def roads(canvas: Canvas, world: World, palette: Palette, rng: np.random.Generat
         _markings(canvas, road, arms, palette)
     for node, node_arms in arms.items():
         if world.is_junction(node):
-            _mouth_markings(canvas, node, node_arms, palette)
+            _mouth_markings(canvas, node_arms, palette)
 
 
 def _ribbon(
@@ -109,6 +109,14 @@ def _verges(
     palette: Palette,
     rng: np.random.Generator,
 ) -> None:
+    for road in ordered:
+        if road.surface in ("dirt", "gravel"):
+            centre = resample(road.centre, 0.6)
+            for side in (1, -1):
+                inner = side * (road.width_m / 2 - 0.1)
+                outer = side * (road.width_m / 2 + 0.5 + 0.2 * _wander(len(centre), rng))
+                for area in strip(offset_line(centre, outer), offset_line(centre, inner)):
+                    canvas.fill(area, palette.grass, "grass", 0.8)
     layers = ((_PAVEMENT_M, palette.pavement, "slabs"), (0.16, palette.kerb, "plain"))
     for road in ordered:
         if not road.kerb and road.surface in ("asphalt", "concrete", "cobble"):
@@ -190,7 +198,8 @@ def _wear(canvas: Canvas, road: Road, palette: Palette, rng: np.random.Generator
             ):
                 canvas.shade_fill(polygon, -7)
     base = lit(palette.surface(road.surface), canvas.light)
-    dark = int(max(20, 0.2 * base[0] + 0.5 * base[1] - 8))
+    level = yuv(base)[0]
+    dark = int(16 + 0.74 * (level - 16))
     length = 0.8 * len(centre)
     if road.surface == "concrete":
         for i in range(0, len(centre) - 1, 6):
@@ -212,8 +221,7 @@ def _crack(centre: Points, width_m: float, rng: np.random.Generator) -> Points:
     steps = 0.25 * np.stack([np.cos(heading), np.sin(heading)], 1)
     points = start + np.cumsum(steps, axis=0)
     near = np.hypot(*(points[:, None] - centre[None]).transpose(2, 0, 1)).min(axis=1)
-    kept = points[: max(2, int((near < width_m / 2 - 0.1).sum()))]
-    return kept
+    return points[: max(2, int((near < width_m / 2 - 0.1).sum()))]
 
 
 def _repair(
@@ -275,27 +283,34 @@ def _clear(arms: list[Arm], road: Road) -> float:
     """Return how long the end of a road is without markings: nothing at bends and dead ends."""
     if len(arms) < 3:
         return 0.0
-    return next(arm.mouth_m for arm in arms if arm.road.id == road.id) + 1.6
+    arm = next(arm for arm in arms if arm.road.id == road.id)
+    return arm.mouth_m + (4.4 if _crossing(arm) == "zebra" else 1.7)
 
 
-def _mouth_markings(canvas: Canvas, node: int, arms: list[Arm], palette: Palette) -> None:
-    """Paint stop lines, give-way teeth and zebra crossings at some mouths, by the node's number."""
+def _crossing(arm: Arm) -> str:
+    """Return what is painted across a mouth: "zebra", "stop", "yield" or nothing."""
+    road = arm.road
+    if road.marking == "none" or road.surface not in ("asphalt", "concrete"):
+        return ""
+    x, y = arm.outward[0].tolist()
+    kind = (round(abs(x) * 7 + abs(y) * 3) + road.id * 3) % 4
+    return (("zebra" if road.kerb else "stop"), "stop", "yield", "")[kind]
+
+
+def _mouth_markings(canvas: Canvas, arms: list[Arm], palette: Palette) -> None:
+    """Paint zebra crossings, stop lines and give-way lines; at some mouths none."""
     for arm in arms:
-        kind = (node * 7 + arm.road.id * 3) % 4
-        paved = arm.road.surface in ("asphalt", "concrete")
-        if arm.road.marking == "none" or not paved or kind == 3:
-            continue
         head = arm.outward[round((arm.mouth_m + 1.0) / 0.25) :]
-        if len(head) < 16:
+        kind = _crossing(arm)
+        if not kind or len(head) < 16:
             continue
         half = arm.road.width_m / 2 - 0.35
-        if kind == 0 and arm.road.kerb:
-            offset = -half
-            while offset + 0.45 <= half:
-                _stroke(canvas, head[1:12], offset + 0.22, 0.45, palette)
-                offset += 0.9
-        elif kind == 1:
+        if kind == "zebra":
+            count = int((2 * half + 0.45) / 0.9)
+            for k in range(count):
+                _stroke(canvas, head[1:12], 0.9 * (k - (count - 1) / 2), 0.45, palette)
+        elif kind == "stop":
             _stroke(canvas, head[0:3], half / 2, half - 0.1, palette)
-        elif kind == 2:
+        else:
             for k in range(int(half / 0.7)):
                 _stroke(canvas, head[0:3], 0.5 + 0.7 * k, 0.4, palette)

@@ -6,6 +6,7 @@ fits; objects stand on it as sprites and shaded boxes, drawn from back to front.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import cv2
@@ -16,14 +17,16 @@ from juncnet.camera import CameraGeometry
 from juncnet.simulation.ground import MASK_STEP_M, GroundTexture
 from juncnet.simulation.materials import Bytes, detail_tile
 from juncnet.simulation.scenery import Scenery
-from juncnet.simulation.sky import Sky, rotated
+from juncnet.simulation.sky import rotated, sky_over
 from juncnet.simulation.view import View, view_from
 from juncnet.simulation.world import World
 
 _WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 _DETAIL_STEP_M = 0.01
 _DETAIL_PX = 1024
+_DETAIL_STEPS = 14
 _HAZE_SCALE_M = 200.0
+_HAZE_END_M = 500.0
 _NOISE_SPARE = 1 << 16
 
 
@@ -59,9 +62,9 @@ class Renderer:
         self.world, self.camera, self.width, self.height = world, camera, width, height
         self.ground = ground or GroundTexture(world)
         light, palette = self.ground.light, self.ground.palette
-        self._sky = Sky(light, palette, world.style.haze, world.seed)
+        self._sky = sky_over(light, palette, world.style.haze, world.seed)
         self._scenery = Scenery(world, palette, light, self._sky.horizon)
-        self._detail = _Detail(world.seed)
+        self._detail = _detail()
         self._noise = _NoiseTable(width * height, noise, seed)
         self._luma: Bytes = np.empty((height, width), np.uint8)
         self._chroma: Bytes = np.empty((height // 2, width // 2, 2), np.uint8)
@@ -264,9 +267,9 @@ def _haze(plane: Bytes, view: View, height_m: float, haze: float, level: tuple[i
     if last <= first:
         return
     rows = np.arange(first, last)[:, None]
-    columns = np.linspace(0, view.width - 1, 9)[None]
+    columns = np.linspace(0, view.width - 1, 65 if left != right else 2)[None]
     tilt = math.tan(view.roll_px_rad) * (columns - view.horizon[0])
-    below = np.maximum((rows - view.horizon[1] + tilt) / view.focal_px, 1e-4)
+    below = np.maximum((rows - view.horizon[1] + tilt) / view.focal_px, height_m / _HAZE_END_M)
     kept = np.exp(-rate * height_m / below).astype(np.float32)
     wide = cv2.resize((kept * 255).astype(np.uint8), (view.width, last - first))
     part = plane[first:last]
@@ -282,8 +285,8 @@ def _haze(plane: Bytes, view: View, height_m: float, haze: float, level: tuple[i
 class _Detail:
     """Grain of the ground close to the camera, finer than the ground's raster."""
 
-    def __init__(self, seed: int) -> None:
-        tile = detail_tile(_DETAIL_STEP_M * _DETAIL_PX, _DETAIL_PX, seed)
+    def __init__(self) -> None:
+        tile = detail_tile(_DETAIL_STEP_M * _DETAIL_PX, _DETAIL_PX, 3)
         self._tile: Bytes = np.ascontiguousarray(np.tile(tile, (4, 4)))
         self._period_m = _DETAIL_STEP_M * _DETAIL_PX
 
@@ -293,21 +296,42 @@ class _Detail:
         # Whole periods are taken off, so that the tile's repetitions cover what is near.
         x0 = self._period_m * (math.floor(x / self._period_m) - 1.5)
         y1 = self._period_m * (math.floor(y / self._period_m) + 2.5)
-        for band in bands(view, float(view.position[2]), _DETAIL_STEP_M, 2):
-            if band.level > 0:
-                continue
-            step = _DETAIL_STEP_M
-            to_plane = np.array([[1 / step, 0, -x0 / step], [0, -1 / step, y1 / step], [0, 0, 1]])
-            part = target[band.top : band.bottom]
-            grain = np.empty_like(part)
-            local = Band(0, len(part), 0, max(2, band.coarse))
-            down = np.array([[1.0, 0, 0], [0, 1, band.top], [0, 0, 1]])
-            _warp(self._tile, to_plane @ to_ground @ down, local, grain, (128,))
-            cv2.addWeighted(part, 1.0, grain, 1.0, -128.0, dst=part)
+        first, full = self._rows(view)
+        if first >= view.height:
+            return
+        step = _DETAIL_STEP_M
+        to_plane = np.array([[1 / step, 0, -x0 / step], [0, -1 / step, y1 / step], [0, 0, 1]])
+        part = target[first:]
+        grain = np.empty_like(part)
+        down = np.array([[1.0, 0, 0], [0, 1, first], [0, 0, 1]])
+        _warp(self._tile, to_plane @ to_ground @ down, Band(0, len(part), 0, 2), grain, (128,))
+        # It appears little by little: a sudden edge would be seen.
+        cuts = np.linspace(0, max(full - first, 0), _DETAIL_STEPS + 1).round().astype(int).tolist()
+        for index, (top, bottom) in enumerate(pairwise([*cuts, len(part)])):
+            rows, weight = part[top:bottom], (index + 1) / (_DETAIL_STEPS + 1)
+            if len(rows):
+                offset = -128.0 * weight
+                cv2.addWeighted(rows, 1.0, grain[top:bottom], weight, offset, dst=rows)
+
+    def _rows(self, view: View) -> tuple[int, int]:
+        """Return the rows from which the grain is seen at all, and in full."""
+        lowest = max(view.horizon_rows())
+        # From h / f / below**1.5, the size of a pixel on the ground.
+        rows = [
+            lowest + view.focal_px * (float(view.position[2]) / view.focal_px / size) ** (2 / 3)
+            for size in (1.6 * _DETAIL_STEP_M, 0.6 * _DETAIL_STEP_M)
+        ]
+        first, full = (min(view.height, max(0, math.ceil(row))) for row in rows)
+        return first, full
+
+
+@lru_cache(maxsize=1)
+def _detail() -> _Detail:
+    return _Detail()
 
 
 class _NoiseTable:
-    """Noise of the sensor from a fixed table, shifted by the pose: the same pose, the same noise."""
+    """Noise of the sensor from a fixed table, shifted by the pose: same pose, same noise."""
 
     def __init__(self, pixels: int, deviation: float, seed: int) -> None:
         self._deviation = deviation

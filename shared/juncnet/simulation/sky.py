@@ -1,6 +1,7 @@
 """The sky as a panorama: a gradient with clouds, hills at its foot, turned by yaw."""
 
 import math
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -59,6 +60,12 @@ class Sky:
         )
 
 
+@lru_cache(maxsize=4)
+def sky_over(light: Light, palette: Palette, haze: float, seed: int) -> Sky:
+    """Return the sky of a world; renderers of the same world share it."""
+    return Sky(light, palette, haze, seed)
+
+
 def _clouds(
     rows: int, elevation: NDArray[np.float64], share: float, rng: np.random.Generator
 ) -> NDArray[np.float32]:
@@ -67,7 +74,7 @@ def _clouds(
         noise += weight * periodic_noise(_WIDTH, cells, rng)
     # Clouds lie flatter towards the horizon: sample the noise by 1 / elevation.
     height = np.clip(elevation, math.radians(1.5), None)
-    line = (3.2 * _WIDTH * 0.11 / np.tan(height + 0.08)).astype(np.intp) % _WIDTH
+    line = (140.0 / np.tan(height + 0.08)).astype(np.intp) % _WIDTH
     flat = noise[line]
     cover = np.clip((flat + (share - 0.5) * 2.6) * 0.7, 0, 1)
     fade = np.clip(elevation / math.radians(6), 0, 1)[:, None]

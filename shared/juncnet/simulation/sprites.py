@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import cv2
@@ -28,8 +29,9 @@ class Sprite:
     mask: tuple[Bytes, ...]
 
 
+@lru_cache(maxsize=4)
 def draw_sprites(palette: Palette, light: Light, seed: int) -> dict[Shape, list[Sprite]]:
-    """Return some sprites of every shape in the palette's colours."""
+    """Return some sprites of every shape in the palette's colours, shared by all who ask."""
     rng = np.random.default_rng([seed, 11])
     counts: dict[Shape, int] = {"broad": 5, "conifer": 3, "bush": 3}
     return {

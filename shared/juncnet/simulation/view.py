@@ -85,7 +85,7 @@ def view_from(
     # Rows: right, down and forward of the camera in the level body frame (forward, left, up).
     axes = np.array([[0, -1, 0], [-s, 0, -c], [c, 0, -s]])
     sr, cr = math.sin(roll_rad), math.cos(roll_rad)
-    axes = axes @ np.array([[1, 0, 0], [0, cr, sr], [0, -sr, cr]]).T
+    axes = axes @ np.array([[1, 0, 0], [0, cr, sr], [0, -sr, cr]])
     sy, cy = math.sin(yaw), math.cos(yaw)
     axes = axes @ np.array([[cy, sy, 0], [-sy, cy, 0], [0, 0, 1]])
     inner = np.array([[focal, 0, width / 2 - 0.5], [0, focal, height / 2 - 0.5], [0, 0, 1]])
