@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -59,7 +59,7 @@ def member(flight: Flight, name: str, transport: FrameTransport = "auto") -> Zen
 @contextmanager
 def started(
     role: str, flight: Flight, name: str, transport: str = "auto"
-) -> Iterator["subprocess.Popen[str]"]:
+) -> Generator["subprocess.Popen[str]"]:
     """Start a process of this module, and kill it at the end."""
     process = subprocess.Popen(
         [sys.executable, __file__, role, str(flight.directory), name, transport],
@@ -74,7 +74,7 @@ def started(
 
 
 @contextmanager
-def a_flight(robot: str = "robot") -> Iterator[Flight]:
+def a_flight(robot: str = "robot") -> Generator[Flight]:
     """Make a flight in a short temporary path, and remove it."""
     with tempfile.TemporaryDirectory(prefix="jn-") as root:
         yield new_flight(robot, PROCESSES, Path(root))

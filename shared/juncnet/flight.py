@@ -32,7 +32,7 @@ class Flight:
     @property
     def tag(self) -> str:
         """Short name of the directory: what the flight's shared memory is called after."""
-        return "jn" + hashlib.sha256(str(self.directory.resolve()).encode()).hexdigest()[:12]
+        return "jn" + hashlib.sha256(str(self.directory.resolve()).encode()).hexdigest()[:8]
 
     def socket(self, process: str) -> str:
         """Return the Zenoh endpoint on which `process` listens."""

@@ -46,14 +46,13 @@ class FramePorts:
         """Return the sending end of `key`."""
         wake = self._declare_send(key)
         if self._shared:
-            return IceoryxFrameWriter(self._shared_memory().publisher(key), wake, self._epoch)
+            return IceoryxFrameWriter(self._shared_memory(), key, wake, self._epoch)
         return ZenohFrameWriter(self._declare_send(f"{key}/{PIXELS_KEY}"), wake, self._epoch)
 
     def reader(self, key: str) -> IceoryxFrameReader | ZenohFrameReader:
         """Return the receiving end of `key`."""
         if self._shared:
-            subscriber = self._shared_memory().subscriber(key)
-            shared_reader = IceoryxFrameReader(subscriber, *self._listening)
+            shared_reader = IceoryxFrameReader(self._shared_memory(), key, *self._listening)
             self._declare_receive(key, shared_reader.announce)
             return shared_reader
         reader = ZenohFrameReader(*self._listening)

@@ -5,11 +5,13 @@ buffer of one keeps the newest only. The flight has a root and a prefix of its o
 configuration: flights do not meet, and what a killed flight left in shared memory is known by name.
 """
 
+import contextlib
 import ctypes
 import fcntl
 import importlib
 import importlib.util
 import shutil
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Generator
@@ -20,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from juncnet.flight import Flight
+from juncnet.flight import SOCKET_PATH_LIMIT, Flight
 from juncnet.frames import Frame, FrameLayout
 from juncnet.frames_wire import PREFIX_BYTES, FramePrefix, SerialGate
 from juncnet.health import HealthCounters
@@ -31,13 +33,23 @@ MAX_READERS = 32
 MAX_WRITERS = 8
 """More than one, because a killed writer counts until its remains are cleared."""
 POLL_S = 0.1
-"""How long a lost wake-up can delay a waiting reader."""
+"""How long a lost wake-up, or the end of the process, can find a reader asleep."""
+LONGEST_EVENT = 39 + len("_.event")
+"""Characters of an event's socket after the flight's tag: a number of 128 bits."""
 SHARED_MEMORY = Path("/dev/shm")
 
 
 def available() -> bool:
     """Return whether iceoryx2 is installed here."""
     return importlib.util.find_spec("iceoryx2") is not None
+
+
+def root(flight: Flight) -> Path:
+    """Return where iceoryx2's files of this flight lie; elsewhere if its sockets would not fit."""
+    inside = flight.directory / "iox"
+    if len(str(inside / flight.tag)) + LONGEST_EVENT <= SOCKET_PATH_LIMIT:
+        return inside
+    return Path(tempfile.gettempdir()) / flight.tag
 
 
 def sweep(flight: Flight) -> bool:
@@ -49,7 +61,7 @@ def sweep(flight: Flight) -> bool:
             return False
         for leftover in SHARED_MEMORY.glob(f"{flight.tag}_*"):
             leftover.unlink(missing_ok=True)
-        shutil.rmtree(flight.directory / "iceoryx2", ignore_errors=True)
+        shutil.rmtree(root(flight), ignore_errors=True)
     return True
 
 
@@ -61,12 +73,13 @@ class IceoryxNode:
         sweep(flight)
         self._lock = (flight.directory / "frames.lock").open("a")
         fcntl.flock(self._lock, fcntl.LOCK_SH)
+        root(flight).mkdir(mode=0o700, exist_ok=True)
         self._iox2: Any = importlib.import_module("iceoryx2")
         iox2 = self._iox2
         iox2.set_log_level(iox2.LogLevel.Error)
         config = iox2.config.default()
         config.global_cfg.prefix = iox2.FileName.new(f"{flight.tag}_")
-        config.global_cfg.root_path = iox2.Path.new(str(flight.directory / "iceoryx2"))
+        config.global_cfg.root_path = iox2.Path.new(str(root(flight)))
         self._node: Any = (
             iox2.NodeBuilder.new()
             .signal_handling_mode(iox2.SignalHandlingMode.Disabled)
@@ -90,6 +103,43 @@ class IceoryxNode:
             .history_size(0)
             .open_or_create()
         )
+
+    def _event(self, key: str) -> Any:
+        return (
+            self._node.service_builder(self._iox2.ServiceName.new(key))
+            .event()
+            .max_listeners(MAX_READERS)
+            .max_notifiers(MAX_WRITERS)
+            .max_nodes(MAX_READERS + MAX_WRITERS)
+            .open_or_create()
+        )
+
+    def notifier(self, key: str) -> Callable[[], None]:
+        """Return a function that wakes the listeners of `key`, never blocking.
+
+        A listener that was killed is no error: whoever cannot be woken so is woken by the bus.
+        """
+        notifier = self._event(key).notifier_builder().create()
+        self._ports.append(notifier)
+
+        def notify() -> None:
+            with contextlib.suppress(self._iox2.NotifierNotifyError):
+                notifier.notify()
+
+        return notify
+
+    def listener(self, key: str) -> Callable[[float], None]:
+        """Return a function that sleeps until the notifier of `key`, at most some seconds.
+
+        Waiting for the writer directly spares the way through Zenoh's threads.
+        """
+        listener = self._event(key).listener_builder().create()
+        self._ports.append(listener)
+
+        def sleep(timeout_s: float) -> None:
+            listener.timed_wait(self._iox2.Duration.from_secs_f64(timeout_s))
+
+        return sleep
 
     def publisher(self, key: str) -> Any:
         """Return an iceoryx2 publisher of samples of any size under `key`."""
@@ -124,8 +174,11 @@ class IceoryxNode:
 class IceoryxFrameWriter:
     """A `FrameWriter` into shared memory; `wake` puts the prefix of each frame sent."""
 
-    def __init__(self, publisher: Any, wake: Callable[[bytes], None], writer: int) -> None:
-        self._publisher, self._wake, self._writer = publisher, wake, writer
+    def __init__(
+        self, node: IceoryxNode, key: str, wake: Callable[[bytes], None], writer: int
+    ) -> None:
+        self._publisher, self._notify = node.publisher(key), node.notifier(key)
+        self._wake, self._writer = wake, writer
         self._serial = 0
         self._lock = threading.Lock()
 
@@ -149,6 +202,7 @@ class IceoryxFrameWriter:
             self._serial += 1
             ctypes.memmove(sample.payload_ptr, prefix, PREFIX_BYTES)
             sample.assume_init().send()
+            self._notify()
             self._wake(prefix)
 
 
@@ -172,21 +226,23 @@ class IceoryxFrameLoan:
 class IceoryxFrameReader:
     """A `FrameReader` of shared memory; `announce` takes the prefixes that wake it."""
 
-    def __init__(self, subscriber: Any, wake: Wake, health: HealthCounters) -> None:
-        self._subscriber, self._wake, self._health = subscriber, wake, health
+    def __init__(self, node: IceoryxNode, key: str, wake: Wake, health: HealthCounters) -> None:
+        self._subscriber, self._sleep = node.subscriber(key), node.listener(key)
+        self._wake, self._health = wake, health
         self._woken = False
         self._gate = SerialGate()
 
     def announce(self, payload: bytes) -> None:
         """Wake: a frame was sent. Anything but the prefix of a frame is counted as an error."""
         try:
-            FramePrefix.unpack(payload)
+            prefix = FramePrefix.unpack(payload)
         except MessageError as error:
             self._health.error(str(error))
             return
         with self._wake.condition:
-            self._woken = True
-            self._wake.condition.notify_all()
+            if not self._gate.is_taken(prefix):
+                self._woken = True
+                self._wake.condition.notify_all()
 
     @property
     def ready(self) -> bool:
@@ -222,7 +278,7 @@ class IceoryxFrameReader:
             left_s = deadline - time.monotonic()
             if left_s <= 0 or not self._wake.running:
                 return None, None
-            self._wake.wait_for(lambda: self._woken, min(left_s, POLL_S))
+            self._sleep(min(left_s, POLL_S))
 
     def _frame(self, sample: Any) -> Frame:
         payload = sample.payload()

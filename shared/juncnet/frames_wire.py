@@ -115,6 +115,10 @@ class SerialGate:
         self._writer, self._serial = -1, -1
         self.drops = 0
 
+    def is_taken(self, prefix: FramePrefix) -> bool:
+        """Return whether this frame, or a newer one of its writer, was taken."""
+        return prefix.writer == self._writer and prefix.serial <= self._serial
+
     def passed(self, prefix: FramePrefix) -> None:
         """Note that this frame was taken."""
         if prefix.writer == self._writer and prefix.serial > self._serial:
