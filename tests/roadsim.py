@@ -163,14 +163,16 @@ class Flight:
                     if best is None or cost < best[0]:
                         best = (cost, heading, offset)
         if best is None:
-            return RoadCommand(header=header, source="vision", velocity=None, confidence=0.0)
+            return RoadCommand(
+                header=header, source="road_following", velocity=None, confidence=0.0
+            )
         _, heading, offset = best
         forward = 6.0
         rate = forward * (0.12 * offset + 0.6 * heading)
         seen = RoadSeen(offset_m=offset, heading_rad=heading, width_m=2 * HALF_WIDTH_M)
         return RoadCommand(
             header=header,
-            source="vision",
+            source="road_following",
             velocity=Velocity(forward_mps=forward, yaw_rate_radps=max(min(rate, 4), -4)),
             confidence=0.9,
             road=seen if self.with_road else None,

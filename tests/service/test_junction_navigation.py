@@ -27,7 +27,7 @@ COPTER = Capabilities(kind="copter", turns_in_place=True, telemetry=True)
 CONFIG = Config(mission=Mission(finish_after=1))
 
 
-def frame(sequence: int, probability: float, source: str = "vision") -> list[Any]:
+def frame(sequence: int, probability: float, source: str = "road_following") -> list[Any]:
     """The three inputs that one picture brings, 40 ms after the last."""
 
     def deliver(bus: FakeBus) -> None:

@@ -61,7 +61,7 @@ def vehicle(forward_mps: float = 0.0, **fields: object) -> VehicleState:
     return VehicleState.model_validate(values | fields)
 
 
-def road(sequence: int, time_ns: int, source: str = "vision", confidence: float = 0.9):
+def road(sequence: int, time_ns: int, source: str = "road_following", confidence: float = 0.9):
     return RoadCommand(
         header=stamp(time_ns, sequence),
         source=source,

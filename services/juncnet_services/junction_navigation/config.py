@@ -75,7 +75,7 @@ class NavigatorConfig(BaseModel):
     """Smoothing, thresholds and the rules of counting."""
     turn: TurnConfig = TurnConfig()
     """How turns are made."""
-    road_source: Name = "vision"
+    road_source: Name = "road_following"
     """The one follower that is obeyed."""
     cruise_mps: float = Field(default=3.0, gt=0, le=20)
     """Highest forward speed."""
