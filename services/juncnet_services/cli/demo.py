@@ -5,12 +5,14 @@ machine was too slow for the simulation).
 """
 
 import argparse
+import json
 import shutil
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 from rich.console import Console
 from rich.live import Live
@@ -21,7 +23,7 @@ from juncnet.flight import Flight, new_flight
 from juncnet.launch import connect
 from juncnet.layout import Layout, LayoutError, load_layout
 from juncnet.messages import Health, Mission
-from juncnet.simulation.routes import Route, expected_path, ideal_time_s, plan_mission, route_of
+from juncnet.simulation.routes import Route, ideal_time_s, plan_mission, route_of
 from juncnet.simulation.towns import WORLD_NAMES, named_world, random_world
 from juncnet.simulation.world import World
 from juncnet.topics import (
@@ -29,6 +31,7 @@ from juncnet.topics import (
     JUNCTION_EVENT,
     JUNCTION_SCORE,
     NAVIGATION_STATE,
+    SERVICES,
     SIMULATOR_TRUTH,
     VEHICLE_STATE,
     health_topic,
@@ -38,7 +41,7 @@ from juncnet_services.cli.supervise import Supervisor
 from juncnet_services.cli.view import Watched, event_text, render
 from juncnet_services.junction_navigation.missions import load_mission
 
-LAYOUTS = {"copter": "layouts/local.toml", "rover": "layouts/rover.toml"}
+LAYOUTS = {"copter": "local", "rover": "rover"}
 CRUISE_MPS = {"copter": 3.0, "rover": 2.0}
 YAW_RATE_RADPS = 1.0
 START_S = 30.0
@@ -85,6 +88,22 @@ def prepare(
     return Setup(world, route, vehicle, LAYOUTS[vehicle], (where, *settings))
 
 
+def mission_toml(mission: Mission) -> str:
+    """Return a mission as a TOML inline table."""
+
+    def table(fields: dict[str, object]) -> str:
+        return "{" + ", ".join(f"{k} = {value(v)}" for k, v in fields.items()) + "}"
+
+    def value(item: object) -> str:
+        if isinstance(item, list):
+            return (
+                "[" + ", ".join(table(row) for row in cast("list[dict[str, object]]", item)) + "]"
+            )
+        return json.dumps(item)
+
+    return table(mission.model_dump(mode="json", exclude_none=True))
+
+
 class Demo:
     """One flight from start to summary; a context, so that its processes always end."""
 
@@ -95,15 +114,13 @@ class Demo:
             LayoutError: an option is wrong.
         """
         self.setup = setup
-        path = asset_path(setup.layout)
+        path = asset_path(setup.layout, "layouts", ".toml")
         draft = load_layout(path, setup.settings)
         self.flight: Flight = new_flight(draft.launch.robot, draft.processes)
         directory = self.flight.directory
-        mission_file = directory / "mission.json"
-        mission_file.write_text(setup.route.mission.model_dump_json())
         self.settings = (
             f'launch.state_dir="{directory}/state"',
-            f'junction_navigation.mission="{mission_file}"',
+            f"junction_navigation.mission={mission_toml(setup.route.mission)}",
             *setup.settings,
         )
         self.layout: Layout = load_layout(path, self.settings)
@@ -133,9 +150,7 @@ class Demo:
         """Watch the flight until its mission ends or its time is up, and return the summary."""
         with connect(self.flight.directory, timeout_s=START_S) as bus:
             ears = _Ears(bus)
-            deadline = time.monotonic() + (
-                limit_s or START_S + PATIENCE * self.setup.plan.ideal_s
-            )
+            deadline = time.monotonic() + (limit_s or START_S + PATIENCE * self.setup.plan.ideal_s)
             drawn = 0.0
             while time.monotonic() < deadline:
                 bus.wait(0.1)
@@ -179,16 +194,10 @@ class _Ears:
         self.event = bus.subscribe(JUNCTION_EVENT, 500)
         self.vehicle = bus.subscribe(VEHICLE_STATE, 100)
         self.navigation = bus.subscribe(NAVIGATION_STATE)
-        names = ("simulator", *_services())
+        names = ("simulator", *SERVICES)
         self.health: dict[str, Inbox[Health]] = {
             name: bus.subscribe(health_topic(name)) for name in names
         }
-
-
-def _services() -> tuple[str, ...]:
-    from juncnet.topics import SERVICES
-
-    return SERVICES
 
 
 def summary_text(summary: Summary) -> str:
@@ -217,7 +226,7 @@ def summary_text(summary: Summary) -> str:
 
 def arguments(argv: list[str]) -> argparse.Namespace:
     """Return the parsed command line."""
-    parser = argparse.ArgumentParser(prog="juncnet demo", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="juncnet demo", description=__doc__)
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--world", choices=WORLD_NAMES, help="a named world")
     where.add_argument("--seed", type=int, default=1, help="a random world (default 1)")
@@ -261,6 +270,3 @@ def main(argv: list[str]) -> int:
     if options.keep:
         print(f"logs: {demo.flight.directory}", file=sys.stderr)
     return EXIT_CODES[summary.verdict]
-
-
-__all__ = ["Demo", "Setup", "expected_path", "main", "prepare", "summary_text"]

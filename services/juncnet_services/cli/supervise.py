@@ -36,8 +36,8 @@ supervisor.rpcinterface_factory=supervisor.rpcinterface:make_main_rpcinterface
 serverurl=unix://{directory}/{socket}
 """
 
-# A process that ends with 0 has done its work, with 2 is misconfigured; any other end is a fault and starts it anew, with
-# supervisor's growing delay between attempts that do not live for a second.
+# A process that ends with 0 has done its work, with 2 it is misconfigured; any other end is a fault
+# and starts it anew, with supervisor's growing delay between attempts that live under a second.
 _PROGRAM = """
 [program:{name}]
 command={python} -m juncnet_services.{name} {arguments}
