@@ -7,7 +7,6 @@ byte: one copy is in all of them.
 
 import argparse
 import multiprocessing as mp
-import statistics
 import tempfile
 import time
 from collections.abc import Callable
@@ -24,15 +23,16 @@ from juncnet.bus import ZenohBus
 from juncnet.flight import Flight, new_flight
 from juncnet.frames import Frame, FrameLayout
 from juncnet.frames_iceoryx2 import available
-from juncnet.health import percentile
 from juncnet.messages import PixelFormat, Velocity, VelocityCommand
 from juncnet.topics import CAMERA_FRAME, COMMAND_VELOCITY
-from juncnet_services.cli.figures import Figure, show
+from juncnet_services.cli.figures import Figure, median, p99, show
 
 Transport = Literal["iceoryx2", "zenoh", "shared memory + pipe", "pipe"]
 TARGET_RATIO = 1.4
 BASELINE = "shared memory + pipe"
 WARM_UP = 10
+ROUNDS = 3
+"""The transports take turns this often."""
 PROCESSES = ("sender", "receiver")
 
 
@@ -47,34 +47,33 @@ def main(argv: list[str]) -> int:
     for pixel_format in (PixelFormat.I420, PixelFormat.BGR8):
         layout = FrameLayout.packed(pixel_format, 1920, 1080)
         figures += _frame_figures(layout, options.seconds, options.rate)
-    figures += _summary("200-byte command", _measure(_command, (), options.seconds, 100.0))
-    return show(figures, options.json)
+    figures.append(_summary("200-byte command", _measure(_command, (), options.seconds, 100.0)))
+    show(figures, options.json)
+    return 0 if all(figure.reached is not False for figure in figures) else 1
 
 
 def _frame_figures(layout: FrameLayout, seconds: float, rate_hz: float) -> list[Figure]:
     transports: list[Transport] = ["iceoryx2"] if available() else []
     transports += ["shared memory + pipe", "zenoh", "pipe"]
     hops: dict[str, list[float]] = {name: [] for name in transports}
-    for _ in range(2):
+    for _ in range(ROUNDS):
         for name in transports:
-            hops[name] += _measure(_frames, (name, layout), seconds / 2, rate_hz)
+            hops[name] += _measure(_frames, (name, layout), seconds / ROUNDS, rate_hz)
     label = f"1080p {layout.format}"
-    figures = [f for name in transports for f in _summary(f"{label}, {name}", hops[name])]
-    base = statistics.median(hops[BASELINE])
+    figures = [_summary(f"{label}, {name}", hops[name]) for name in transports]
+    base = median(hops[BASELINE])
     for name in ("iceoryx2", "zenoh"):
         if name in hops:
-            ratio = statistics.median(hops[name]) / base
-            target = TARGET_RATIO if name == transports[0] else None
-            figures.append(Figure(f"{label}, {name} / {BASELINE}, p50", ratio, "x", target))
+            ratio, title = median(hops[name]) / base, f"{label}, {name} / {BASELINE}"
+            if name == transports[0]:
+                figures.append(Figure.against(title, ratio, "x", TARGET_RATIO, at_most=True))
+            else:
+                figures.append(Figure(name=title, value=ratio, unit="x"))
     return figures
 
 
-def _summary(name: str, hops_ms: list[float]) -> list[Figure]:
-    ordered = sorted(hops_ms)
-    return [
-        Figure(f"{name}, p50", percentile(ordered, 0.5), "ms"),
-        Figure(f"{name}, p99", percentile(ordered, 0.99), "ms"),
-    ]
+def _summary(name: str, hops_ms: list[float]) -> Figure:
+    return Figure(name=name, value=median(hops_ms), unit="ms", p99=p99(hops_ms), n=len(hops_ms))
 
 
 def _measure(
