@@ -61,7 +61,7 @@ def luma(picture: np.ndarray, size: tuple[int, int] = SIZE) -> np.ndarray:
 @pytest.fixture(scope="module")
 def dark(world: World) -> GroundTexture:
     """A ground without anything on it."""
-    texture = GroundTexture(world, 0.1)
+    texture = GroundTexture(world, 0.05)
     texture.beyond = (40, 128, 128)
     for plane in texture.luma:
         plane[:] = 40
@@ -122,7 +122,9 @@ def test_roll_turns_the_horizon() -> None:
         # Right side down: the ground rises on the right, so the horizon's right end is higher.
         assert (left - right) * roll > 0
         slope = (left - right) / (SIZE[0] - 1)
-        assert math.atan(slope) == pytest.approx(roll * math.cos(CAMERA.pitch_rad), abs=0.01)
+        assert math.atan(slope) == pytest.approx(
+            math.atan(math.tan(roll) / math.cos(CAMERA.pitch_rad)), abs=1e-6
+        )
 
 
 def test_nose_down_and_height_move_the_picture() -> None:

@@ -97,7 +97,7 @@ def resample(centre: Points, step: float) -> Points:
     """Return points of a line, `step` metres apart or a little less, both ends kept."""
     length = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(centre, axis=0).T))])
     count = max(2, math.ceil(length[-1] / step) + 1)
-    at = np.linspace(0, length[-1], count)
+    at: NDArray[np.float64] = np.linspace(0, float(length[-1]), count)
     return np.stack([np.interp(at, length, centre[:, i]) for i in (0, 1)], 1)
 
 

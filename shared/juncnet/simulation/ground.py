@@ -53,7 +53,9 @@ class GroundTexture:
         """Y, U, V of the plain ground outside the raster."""
         _fade(canvas, self.beyond)
         self.luma: list[Bytes] = _levels(canvas.luma)
-        self.chroma: list[Bytes] = _levels(cv2.merge([canvas.blue, canvas.red]), len(self.luma))
+        self.chroma: list[Bytes] = _levels(
+            np.asarray(cv2.merge([canvas.blue, canvas.red]), np.uint8), len(self.luma)
+        )
         self.surface: Bytes = _surface(world, bounds)
         """(H, W) uint8 of MASK_STEP_M pixels: 0, ROAD or JUNCTION."""
 
@@ -92,13 +94,14 @@ def _texture(canvas: Canvas, contrast: float, seed: int) -> None:
     """Add each material's fine texture and the soft shading to the luminance."""
     height, width = canvas.size
     texture = spread(tile("grass", canvas.metres_per_px, contrast, seed), height, width)
-    present = np.flatnonzero(np.bincount(canvas.material[::4, ::4].ravel(), minlength=8))
+    counts = np.bincount(canvas.material[::4, ::4].ravel(), minlength=8)
+    present: list[int] = np.flatnonzero(counts).tolist()
     for index in present:
         if index:
             fine = spread(
                 tile(MATERIALS[index], canvas.metres_per_px, contrast, seed), height, width
             )
-            cv2.copyTo(fine, cv2.compare(canvas.material, int(index), cv2.CMP_EQ), texture)
+            cv2.copyTo(fine, cv2.inRange(canvas.material, index, index), texture)
     cv2.addWeighted(canvas.luma, 1.0, texture, 1.0, -128.0, dst=canvas.luma)
     soft = cv2.GaussianBlur(canvas.shade, (0, 0), 0.14 / canvas.shade_step)
     grown = cv2.resize(soft, (width, height), interpolation=cv2.INTER_LINEAR)

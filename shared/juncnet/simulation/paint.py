@@ -8,7 +8,7 @@ import numpy as np
 from juncnet.simulation.canvas import Canvas, Points, blob, disc, offset_line, resample, strip
 from juncnet.simulation.materials import Material, smooth_noise
 from juncnet.simulation.mouths import RANK, Arm, arms_at, corner
-from juncnet.simulation.palettes import Palette, lit, yuv, yuv_planes
+from juncnet.simulation.palettes import Colour, Palette, lit, yuv, yuv_planes
 from juncnet.simulation.world import Road, World
 
 _MATERIAL: dict[str, Material] = {
@@ -117,7 +117,10 @@ def _verges(
                 outer = side * (road.width_m / 2 + 0.5 + 0.2 * _wander(len(centre), rng))
                 for area in strip(offset_line(centre, outer), offset_line(centre, inner)):
                     canvas.fill(area, palette.grass, "grass", 0.8)
-    layers = ((_PAVEMENT_M, palette.pavement, "slabs"), (0.16, palette.kerb, "plain"))
+    layers: tuple[tuple[float, Colour, Material], ...] = (
+        (_PAVEMENT_M, palette.pavement, "slabs"),
+        (0.16, palette.kerb, "plain"),
+    )
     for road in ordered:
         if not road.kerb and road.surface in ("asphalt", "concrete", "cobble"):
             centre = resample(road.centre, 0.6)
@@ -125,7 +128,7 @@ def _verges(
                 offset_line(centre, s * (road.width_m / 2 + 0.3 + 0.15 * _wander(len(centre), rng)))
                 for s in (1, -1)
             ]
-            for polygon in strip(*edges):
+            for polygon in strip(edges[0], edges[1]):
                 canvas.fill(polygon, palette.gravel, "gravel", 0.85)
     for extra, colour, material in layers:
         for road in ordered:
@@ -293,8 +296,9 @@ def _crossing(arm: Arm) -> str:
     if road.marking == "none" or road.surface not in ("asphalt", "concrete"):
         return ""
     x, y = arm.outward[0].tolist()
-    kind = (round(abs(x) * 7 + abs(y) * 3) + road.id * 3) % 4
-    return (("zebra" if road.kerb else "stop"), "stop", "yield", "")[kind]
+    kind = (round(abs(float(x)) * 7 + abs(float(y)) * 3) + road.id * 3) % 4
+    kinds = ["zebra" if road.kerb else "stop", "stop", "yield", ""]
+    return kinds[kind]
 
 
 def _mouth_markings(canvas: Canvas, arms: list[Arm], palette: Palette) -> None:

@@ -5,8 +5,10 @@ Colours are blue, green, red, 0..255, as under a white noon sun; light multiplie
 """
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from juncnet.simulation.world import Surface, TimeOfDay
 
@@ -274,7 +276,7 @@ def yuv(colour: Colour) -> tuple[int, int, int]:
     )
 
 
-def yuv_planes(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # pyright: ignore
+def yuv_planes(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Return float32 Y, U, V planes of a (..., 3) blue, green, red picture in 0..255."""
     b, g, r = picture[..., 0], picture[..., 1], picture[..., 2]
     return (

@@ -138,7 +138,7 @@ class Renderer:
         sky = np.array([[-1, -2], [width, -2], [width, round(right)], [-1, round(left)]], np.int32)
         cv2.fillConvexPoly(mask, sky, 0)
         if not classes:
-            mask = cv2.compare(mask, 0, cv2.CMP_GT)
+            mask = cv2.inRange(mask, 1, 255)
         return np.asarray(mask, np.uint8)
 
     def _draw_ground(self, view: View, luma: Bytes) -> None:
@@ -151,7 +151,7 @@ class Renderer:
         self, view: View, target: Bytes, levels: list[Bytes], step: float, detailed: bool
     ) -> None:
         """Warp the ground into the rows of `target` below the horizon, band by band."""
-        to_ground = np.linalg.inv(view.ground)
+        to_ground = np.asarray(np.linalg.inv(view.ground), np.float64)
         beyond = self.ground.beyond[:1] if target.ndim == 2 else self.ground.beyond[1:]
         height_m = float(view.position[2])
         for band in bands(view, height_m, step, len(levels)):

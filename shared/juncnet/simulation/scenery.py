@@ -174,7 +174,7 @@ def _choose(tree: Tree, kinds: dict[Shape, list[Sprite]], conifers: float) -> Sp
 
 
 def _hard(mask: Bytes) -> Bytes:
-    return np.asarray(cv2.compare(mask, 110, cv2.CMP_GT), np.uint8)
+    return np.asarray(cv2.inRange(mask, 111, 255), np.uint8)
 
 
 def _paste(scaled: _Scaled, foot: tuple[float, float], luma: Bytes, chroma: Bytes) -> None:
@@ -235,7 +235,7 @@ def _drawn(
     small = _affine(sprite.mask[level], halved, half)
     if max(wide, high) > 1.3 * _SIZE:
         bright = cv2.resize(_affine(sprite.luma[level], halved, half), size)
-        mask = cv2.resize(small, size)
+        mask = np.asarray(cv2.resize(small, size), np.uint8)
     else:
         bright = _affine(sprite.luma[level], inverse, size)
         mask = _affine(sprite.mask[level], inverse, size)

@@ -22,12 +22,14 @@ class Sky:
         rng = np.random.default_rng([seed, 7])
         self.step_rad = 2 * math.pi / _WIDTH
         rows = math.ceil((_TOP_RAD - _BOTTOM_RAD) / self.step_rad)
-        elevation = _TOP_RAD - (np.arange(rows) + 0.5) * self.step_rad
+        places = np.arange(rows, dtype=np.float64) + 0.5
+        elevation = np.asarray(_TOP_RAD - places * self.step_rad, np.float64)
         up = np.clip(elevation / math.radians(40), 0, 1)[:, None, None] ** 0.6
         horizon, zenith, cloud = (
             np.array(c, np.float32) for c in (light.horizon, light.zenith, light.cloud)
         )
-        picture = (horizon + (zenith - horizon) * up) * np.ones((1, _WIDTH, 1), np.float32)
+        turn = np.ones((1, _WIDTH, 1), np.float32)
+        picture = np.asarray((horizon + (zenith - horizon) * up) * turn, np.float32)
         cover = _clouds(rows, elevation, light.clouds, rng)[..., None]
         picture += (cloud - picture) * cover
         _hills(picture, elevation, np.array(lit(palette.leaf, light)), horizon, haze, rng)

@@ -126,7 +126,7 @@ def _flat(world: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.f
         return corners, np.concatenate([matrix, [[0, 0, 1]]])
     origin, across, down = world[0], world[1] - world[0], world[3] - world[0]
     basis = np.stack([across, down], 1)
-    third = np.linalg.lstsq(basis, world[2] - origin, rcond=None)[0]
+    third = np.asarray(np.linalg.pinv(basis) @ (world[2] - origin), np.float64)
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
     seen = np.array([[0, 0], [1, 0], third, [0, 1]], np.float32)
     warp = np.asarray(cv2.getPerspectiveTransform(square, seen), np.float64)
@@ -191,8 +191,8 @@ def _tiles(
     width_m: float, height_m: float, colour: Colour, rng: np.random.Generator
 ) -> NDArray[np.float32]:
     texture = _blank(width_m, height_m, colour, rng, 0.07)
-    rows = np.arange(texture.shape[0])
-    texture *= (0.86 + 0.22 * ((rows % 8) / 8.0))[:, None, None].astype(np.float32)
+    rows = np.arange(texture.shape[0], dtype=np.float32)
+    texture *= (0.86 + 0.22 * (np.mod(rows, 8) / 8.0))[:, None, None]
     return texture
 
 
