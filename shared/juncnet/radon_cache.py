@@ -48,7 +48,7 @@ def _key(geometry: Geometry) -> str:
 def _read(path: Path, geometry: Geometry) -> Blocks | None:
     """Return the blocks in the file; None when it is missing, damaged or not what it should be."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             blocks: Blocks = {name: archive[name] for name in archive.files}
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None

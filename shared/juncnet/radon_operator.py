@@ -125,7 +125,7 @@ class Reconstruction:
     def _multiply(self, name: str, part: F32) -> F32:
         """Return the block's product with each row of `part` (N, ...), in the same shape."""
         block = self._blocks[name]
-        flat = part.reshape(len(part), -1)
+        flat = part.reshape(len(part), block.shape[1])
         if len(flat) == 1:
             return (block @ flat[0]).reshape(part.shape)
         return (flat @ block.T).reshape(part.shape)

@@ -108,7 +108,7 @@ def timed(
     before: Callable[[], object] | None = None,
     divisor: int = 1,
 ) -> list[float]:
-    """Return how long each call took in seconds, over `divisor`; what runs `before` is not timed."""
+    """Return the seconds of each call, over `divisor`; what runs `before` it is not timed."""
     call()
     seconds: list[float] = []
     for _ in range(max(1, repeats)):
