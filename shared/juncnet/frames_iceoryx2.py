@@ -294,4 +294,5 @@ class IceoryxFrameReader:
 
 def _view(address: int, nbytes: int) -> NDArray[np.uint8]:
     """Return `nbytes` of memory at `address` as uint8, without a copy; it does not keep them."""
-    return np.ctypeslib.as_array((ctypes.c_uint8 * nbytes).from_address(address))
+    buffer: Any = (ctypes.c_uint8 * nbytes).from_address(address)
+    return np.frombuffer(buffer, np.uint8)

@@ -5,8 +5,9 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 import zenoh
@@ -16,7 +17,7 @@ from juncnet import topics as t
 from juncnet.bus import ZenohBus
 from juncnet.flight import Flight
 from juncnet.launch import connect, open_gateway
-from juncnet.messages import JpegImage, LoadModel, Mission, Reply, SetMission
+from juncnet.messages import Health, JpegImage, LoadModel, Mission, Reply, SetMission
 
 
 @pytest.fixture(name="flight")
@@ -130,14 +131,17 @@ def test_malformed_payloads_are_counted_on_every_key(
 ) -> None:
     inboxes = [bus.subscribe(topic) for topic in TOPICS]
     with peers.member(flight, "alpha") as sender:
-        assert peers.eventually(lambda: sender.connected and bus.connected)
-        keys = [topic.expression("robot") for topic in TOPICS]
-        publishers = [sender.session.declare_publisher(key) for key in keys]
-        assert peers.eventually(lambda: all(p.matching_status.matching for p in publishers))
-        for publisher in publishers:
-            publisher.put(payload)
+        assert peers.eventually(lambda: sender.wanted(t.CAMERA_IMAGE))
+        assert peers.eventually(lambda: sender.wanted(t.VEHICLE_STATE))
+        for topic in TOPICS:
+            put_raw(sender, topic.expression("robot"), payload)
         assert peers.eventually(lambda: errors(bus) == len(TOPICS))
     assert not any(inbox.take() for inbox in inboxes)
+
+
+def put_raw(bus: ZenohBus, key: str, payload: bytes) -> None:
+    session: Any = bus.session
+    session.put(key, payload)
 
 
 def test_health_is_published_with_what_was_dropped(flight: Flight, bus: ZenohBus) -> None:
@@ -148,7 +152,7 @@ def test_health_is_published_with_what_was_dropped(flight: Flight, bus: ZenohBus
             bus.report_health()
             bus.health.set("lost", 3)
             bus.health.output(bus.clock.now_ns() - 5_000_000, bus.stamp())
-            by_service = {}
+            by_service: dict[str, Health] = {}
             assert peers.eventually(
                 lambda: _note(reports.take(1.0), by_service) and by_service["beta"].drops > 10
             )
@@ -157,8 +161,8 @@ def test_health_is_published_with_what_was_dropped(flight: Flight, bus: ZenohBus
         assert health.flight == flight.id
 
 
-def _note(health: object, by_service: dict[str, object]) -> bool:
-    if isinstance(health, t.health_topic("x").message):
+def _note(health: object, by_service: dict[str, Health]) -> bool:
+    if isinstance(health, Health):
         by_service[health.service] = health
     return "beta" in by_service
 
@@ -178,7 +182,7 @@ def test_one_subscriber_watches_all_robots(flight: Flight, bus: ZenohBus) -> Non
 
 
 @contextmanager
-def _gateway(flight: Flight) -> Iterator[str]:
+def _gateway(flight: Flight) -> Generator[str]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{probe.getsockname()[1]}"

@@ -4,6 +4,7 @@ import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -183,11 +184,12 @@ def test_damaged_frames_are_counted_and_survived(
         bad[20] ^= 1
         assert len(good) == PREFIX_BYTES
         key = t.CAMERA_FRAME.expression("robot")
+        session: Any = sender.session
         whole = f"{key}/{PIXELS_KEY}"
         for payload in (b"", b"x" * 300, bytes(bad), good[:-1]):
-            sender.session.put(key, payload, encoding=ENCODING)
-            sender.session.put(whole, payload, encoding=ENCODING)
-        sender.session.put(whole, good + b"too short", encoding=ENCODING)
+            session.put(key, payload, encoding=ENCODING)
+            session.put(whole, payload, encoding=ENCODING)
+        session.put(whole, good + b"too short", encoding=ENCODING)
         expected = 4 if transport == "iceoryx2" else 9
         assert peers.eventually(lambda: errors(bus) == expected)
         assert peers.eventually(lambda: _arrives(sender, reader, writer.send))
