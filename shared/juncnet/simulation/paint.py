@@ -1,6 +1,7 @@
 """Paints roads, markings, kerbs, paths, patches and shadows of a world onto a canvas."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -70,7 +71,7 @@ def roads(canvas: Canvas, world: World, palette: Palette, rng: np.random.Generat
     for node_arms in arms.values():
         _junction_surface(canvas, node_arms, palette)
     for road in ordered:
-        _wear(canvas, road, palette, rng)
+        _wear(canvas, _between_mouths(road, arms), palette, rng)
     for road in ordered:
         _markings(canvas, road, arms, palette)
     for node, node_arms in arms.items():
@@ -215,6 +216,19 @@ def _wear(canvas: Canvas, road: Road, palette: Palette, rng: np.random.Generator
             canvas.line(_crack(centre, road.width_m, rng), dark)
         for _ in range(rng.poisson(length * 0.02)):
             _repair(canvas, centre, road, palette, rng)
+
+
+def _between_mouths(road: Road, arms: dict[int, list[Arm]]) -> Road:
+    """Return the road without the ends that belong to junctions, where its wear is not seen."""
+    start, end = (
+        next((arm.mouth_m for arm in arms[node] if arm.road.id == road.id), 0.0)
+        if len(arms[node]) > 2
+        else 0.0
+        for node in (road.a, road.b)
+    )
+    centre = resample(road.centre, 0.25)
+    part = centre[round(start / 0.25) : len(centre) - round(end / 0.25)]
+    return replace(road, centre=part) if len(part) >= 24 else road
 
 
 def _crack(centre: Points, width_m: float, rng: np.random.Generator) -> Points:
