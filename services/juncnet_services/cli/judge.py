@@ -113,12 +113,12 @@ class Judge:
     _moved_ns: int | None = None
 
     def truth(self, truth: SimulatorTruth) -> None:
-        """Take a sample of the truth."""
-        if self._finished_ns is not None and truth.at.time_ns > self._finished_ns + 2 * NS_PER_S:
-            return
+        """Take a sample of the truth; the flight begins when the robot first moves."""
         if self._moved_ns is None and abs(truth.velocity.forward_mps) > 0.2:
             self._moved_ns = truth.at.time_ns
-        self._truths.append(truth)
+        over = self.finished and truth.at.time_ns > (self._finished_ns or 0) + NS_PER_S
+        if self._moved_ns is not None and not over:
+            self._truths.append(truth)
 
     def event(self, event: JunctionEvent) -> None:
         """Take a junction event."""

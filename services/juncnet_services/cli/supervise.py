@@ -7,6 +7,7 @@ import time
 import xmlrpc.client
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 from supervisor.xmlrpc import SupervisorTransport  # pyright: ignore[reportMissingTypeStubs]
 
@@ -98,8 +99,17 @@ class Supervisor:
     def __init__(self, directory: Path):
         self.directory = directory
         self._process: subprocess.Popen[bytes] | None = None
-        transport = SupervisorTransport(None, None, f"unix://{directory / SOCKET}")
-        self._rpc = xmlrpc.client.ServerProxy("http://127.0.0.1", transport=transport)
+
+    def _call(self, method: str) -> object:
+        """Return the answer of supervisord; a transport that failed once is of no further use.
+
+        Raises:
+            OSError: it is not there.
+            xmlrpc.client.Error: it refused.
+        """
+        transport = SupervisorTransport(None, None, f"unix://{self.directory / SOCKET}")
+        with xmlrpc.client.ServerProxy("http://127.0.0.1", transport=transport) as proxy:
+            return getattr(proxy.supervisor, method)()
 
     def start(self, processes: tuple[str, ...], arguments: list[str], *, foreground: bool) -> None:
         """Start supervisord and with it all processes.
@@ -131,7 +141,7 @@ class Supervisor:
     def running(self) -> bool:
         """Whether supervisord answers."""
         try:
-            self._rpc.supervisor.getState()
+            self._call("getState")
         except (OSError, xmlrpc.client.Error):
             return False
         return True
@@ -139,10 +149,9 @@ class Supervisor:
     def status(self) -> list[ProcessStatus]:
         """Return the state of every process; empty when supervisord does not answer."""
         try:
-            rows = self._rpc.supervisor.getAllProcessInfo()
+            rows = cast("list[dict[str, Any]]", self._call("getAllProcessInfo"))
         except (OSError, xmlrpc.client.Error):
             return []
-        assert isinstance(rows, list)
         return [
             ProcessStatus(
                 name=str(row["name"]),
@@ -166,7 +175,7 @@ class Supervisor:
     def stop(self) -> None:
         """Stop all processes and supervisord, and wait until they are gone."""
         with contextlib.suppress(OSError, xmlrpc.client.Error):
-            self._rpc.supervisor.shutdown()
+            self._call("shutdown")
         deadline = time.monotonic() + 3 * STOP_WAIT_S + 10
         while self.running and time.monotonic() < deadline:
             time.sleep(0.05)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
+from juncnet.assets import asset_path
 from juncnet.bus import Bus
 from juncnet.launch import launch
-from juncnet.layout import asset
 from juncnet.messages import Features, JunctionScore, LoadModel, Reply
 from juncnet.modelfile import ModelFileError
 from juncnet.topics import JUNCTION_SCORE, MODEL_ACTIVE, MODEL_LOAD, RADON_FEATURES
@@ -21,7 +21,7 @@ class Config(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    model: str = "models/juncnet.onnx"
+    model: str = "juncnet"
     """The ONNX file: a path, or a shipped model."""
     robots: str = "own"
     """`own`: features of this layout's robot; `*`: of every robot on the network, in batches."""
@@ -29,7 +29,7 @@ class Config(BaseModel):
 
 def run(bus: Bus, config: Config) -> None:
     """Score features until the bus stops."""
-    slot = ModelSlot(Model(asset(config.model)))
+    slot = ModelSlot(Model(asset_path(config.model, "models", ".onnx")))
     bus.publish(MODEL_ACTIVE, slot.model.active)
 
     def load(request: LoadModel) -> Reply:

@@ -21,7 +21,7 @@ def export(network: nn.Module, metadata: ModelMetadata, path: Path) -> float:
     Raises:
         ValueError: the file does not answer as torch does within `TOLERANCE`.
     """
-    network = WithSoftmax(network.eval())
+    network = WithSoftmax(network).eval()
     size = metadata.preprocessing.size
     probe = torch.rand(
         7,

@@ -23,6 +23,7 @@ from juncnet.simulation.ground import GroundTexture
 from juncnet.simulation.render import Renderer
 from juncnet.simulation.roads import RoadNetwork, arm_ends, reverse_arm
 from juncnet.simulation.towns import random_world
+from juncnet.simulation.truth import GroundTruth
 from juncnet.simulation.world import Style, World
 
 SIZE = 64
@@ -33,8 +34,7 @@ NEAR_JUNCTIONS = 0.6
 """Share of training poses drawn from the road before a junction."""
 
 Poses = NDArray[np.float64]
-"""(N, 5): x, y, yaw, distance to the mouth of the junction ahead (infinite: a dead end), and 1 where
-the robot stands on a junction's surface."""
+"""(N, 4): x, y, yaw, distance to the mouth of the junction ahead (infinite: a dead end)."""
 
 
 def drawn_camera(rng: np.random.Generator) -> CameraGeometry:
@@ -59,22 +59,19 @@ def target(mouth_m: NDArray[np.float64], camera: CameraGeometry) -> NDArray[np.f
     return np.clip(np.minimum(far, near), 0, 1).astype(np.float32)
 
 
-def label(
-    mouth_m: NDArray[np.float64], on_surface: NDArray[np.bool_], camera: CameraGeometry
-) -> NDArray[np.uint8]:
-    """Return the index into `LABELS` for mouths this far ahead (N,).
+def labelled(
+    poses: Poses, truth: GroundTruth, camera: CameraGeometry
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return the label of each pose (index into `LABELS`) and the probability to learn.
 
-    On a junction's surface, and from there back to where its mouth leaves the picture, the label is
-    a matter of taste: *transition*, like the bands around d_near and d_far.
+    Where the junction ahead is within the band but too little of it can be seen, there is nothing
+    to learn: NaN.
     """
-    band = camera.band
-    code = np.array([LABELS.index(name) for name in ("none", "junction", "transition")])
-    inside = (mouth_m >= band.d_near_m) & (mouth_m <= band.d_far_m)
-    result = np.where(inside, code[1], code[0])
-    near = (mouth_m >= 0) & (mouth_m <= band.d_near_m * (1 + TRANSITION))
-    far = np.abs(mouth_m - band.d_far_m) <= TRANSITION * band.d_far_m
-    result[near | far | on_surface] = code[2]
-    return result.astype(np.uint8)
+    names = [truth.label(x, y, yaw, camera) for x, y, yaw in poses[:, :3].tolist()]
+    labels = np.array([LABELS.index(name) for name in names], np.uint8)
+    wanted = target(poses[:, 3], camera)
+    wanted[(wanted == 1) & (labels != LABELS.index("junction"))] = np.nan
+    return labels, wanted
 
 
 class PoseSampler:
@@ -94,7 +91,7 @@ class PoseSampler:
             spread: 1: the lateral and heading errors of ordinary flight (0.35 m, 4 degrees).
             near_m: with it, `NEAR_JUNCTIONS` of them lie within this distance of a mouth ahead.
         """
-        rows = np.empty((n, 5))
+        rows = np.empty((n, 4))
         arms = self._rng.choice(len(self._arms), n, p=self._weights)
         for i, index in enumerate(arms):
             rows[i] = self._pose(self._arms[index], spread, near_m)
@@ -117,9 +114,7 @@ class PoseSampler:
         side = float(rng.normal(0, 0.35 * spread))
         yaw = heading + float(rng.normal(0, math.radians(4 * spread)))
         mouth = left - setback if ahead else math.inf
-        surface = left < setback or length - left < self._network.setback_m(arm)
-        x, y = x - side * math.sin(heading), y + side * math.cos(heading)
-        return (x, y, yaw, mouth, float(surface))
+        return (x - side * math.sin(heading), y + side * math.cos(heading), yaw, mouth)
 
 
 def world_samples(
@@ -144,9 +139,9 @@ def world_samples(
     world = random_world(seed) if style is None else random_world(seed, style)
     if training:
         world = dataclasses.replace(world, style=_varied(world.style, rng))
-    network = RoadNetwork(world)
+    truth = GroundTruth(world)
     ground = GroundTexture(world, metres_per_px=GROUND_M_PER_PX)
-    sampler = PoseSampler(world, network, rng)
+    sampler = PoseSampler(world, truth.network, rng)
     parts: list[Samples] = []
     for k in range(1 if camera else CAMERAS_PER_WORLD):
         geometry = camera or drawn_camera(rng)
@@ -157,11 +152,12 @@ def world_samples(
         tilt = rng.normal(0, math.radians(1.0 if training else 0.3), (share, 2))
         luma = [_luma(renderer, pose, t) for pose, t in zip(poses, tilt, strict=True)]
         gray = np.rint(np.stack([shrink(picture, SIZE) for picture in luma])).astype(np.uint8)
+        labels, wanted = labelled(poses, truth, geometry)
         parts.append(
             Samples(
                 gray=gray,
-                target=target(poses[:, 3], geometry),
-                label=label(poses[:, 3], poses[:, 4] > 0, geometry),
+                target=wanted,
+                label=labels,
                 mouth_m=poses[:, 3].astype(np.float32),
                 height_m=np.full(share, geometry.height_m, np.float32),
                 site=np.full(share, seed, np.int64),
