@@ -42,6 +42,7 @@ serverurl=unix://{directory}/{socket}
 _PROGRAM = """
 [program:{name}]
 command={python} -m juncnet_services.{name} {arguments}
+directory={here}
 autorestart=unexpected
 exitcodes=0,2
 startsecs=1
@@ -70,7 +71,8 @@ def configuration(
 ) -> str:
     """Return supervisord's configuration for these processes, all started with `arguments`.
 
-    `directory` is the flight directory: sockets, logs and pid files lie there.
+    `directory` is the flight directory: sockets, logs and pid files lie there. The processes work
+    where this one does, so that relative paths in their options mean what they say.
     """
     quoted = " ".join(_quote(a) for a in arguments)
     head = _HEAD.format(
@@ -82,6 +84,7 @@ def configuration(
             python=_quote(sys.executable),
             arguments=quoted,
             directory=directory,
+            here=str(Path.cwd()).replace("%", "%%"),
             stop_wait_s=STOP_WAIT_S,
         )
         for name in processes
