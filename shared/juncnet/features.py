@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from juncnet.radon import FilterName, evenly_spaced_angles, radon
 from juncnet.radon_cache import load_reconstruction
-from juncnet.radon_operator import MAX_SIZE, Geometry
+from juncnet.radon_geometry import MAX_SIZE, Geometry
 from juncnet.shrink import shrink
 
 F32 = NDArray[np.float32]
@@ -190,4 +190,4 @@ def standardised(features: F32) -> F32:
     """Return features (N, C, S, S), each channel with mean 0 and deviation 1; a flat one is 0."""
     centred = features - features.mean(axis=(2, 3), keepdims=True)
     deviation = np.maximum(centred.std(axis=(2, 3), keepdims=True), 1e-3)
-    return (centred / deviation).astype(np.float32, copy=False)
+    return np.asarray(centred / deviation, dtype=np.float32)

@@ -173,19 +173,27 @@ def outside_circle(size: int) -> NDArray[np.bool_]:
     return axis**2 + axis[:, None] ** 2 > (size // 2) ** 2
 
 
-def filter_matrix(offsets: int, filter_name: FilterName | None, circle: bool) -> Floats:
-    """Return the filter of equation 5 as a matrix from R offsets to the back-projection's offsets.
+def back_projection_size(offsets: int, circle: bool) -> int:
+    """Return R', the number of offsets that are filtered: with `circle` more than R, by zeros."""
+    return ceil(sqrt(2) * offsets) if circle else offsets
+
+
+def filter_matrix(
+    offsets: int, filter_name: FilterName | None, circle: bool, mirrored: bool = False
+) -> Floats:
+    """Return the filter of equation 5 as a matrix from the offsets of a projection to those of the
+    back-projection.
 
     Returns:
-        (R', R) float64, a Toeplitz matrix: with `circle` R' = ceil(sqrt(2) R), the projection with
-        zeros around it, else R' = R.
+        (R', R) float64, a Toeplitz matrix. `mirrored` adds to an even number of offsets, of either
+        side, the opposite of the first one.
     """
-    padded = ceil(sqrt(2) * offsets) if circle else offsets
-    before = padded // 2 - offsets // 2
+    padded = back_projection_size(offsets, circle)
     length = max(64, 2 ** ceil(np.log2(2 * padded)))
     kernel = np.real(np.fft.ifft(filter_response(length, filter_name)))
-    shift = np.arange(padded)[:, None] - (np.arange(offsets) + before)
-    return kernel[shift % length]
+    sizes = (padded | 1, offsets | 1) if mirrored else (padded, offsets)
+    back, front = (np.arange(n) - n // 2 for n in sizes)
+    return kernel[(back[:, None] - front) % length]
 
 
 def filter_response(length: int, filter_name: FilterName | None) -> Floats:

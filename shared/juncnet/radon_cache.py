@@ -10,11 +10,15 @@ import os
 import tempfile
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from juncnet import radon, radon_operator
-from juncnet.radon_operator import Blocks, Geometry, Reconstruction, block_sizes, build_blocks
+from juncnet import radon, radon_build, radon_geometry, radon_operator
+from juncnet.radon_build import build
+from juncnet.radon_geometry import Geometry, block_sizes
+from juncnet.radon_operator import Correction, Matrix, Reconstruction
 
 
 def cache_directory() -> Path:
@@ -30,40 +34,76 @@ def load_reconstruction(geometry: Geometry, directory: Path | None = None) -> Re
     only costs time.
     """
     path = (directory or cache_directory()) / f"radon-{_key(geometry)}.npz"
-    blocks = _read(path, geometry)
-    if blocks is None:
-        blocks = build_blocks(geometry)
+    matrix = _read(path, geometry)
+    if matrix is None:
+        matrix = build(geometry)
         with contextlib.suppress(OSError):
-            _write(path, blocks)
-    return Reconstruction(geometry, blocks)
+            _write(path, matrix)
+    return Reconstruction(geometry, matrix)
 
 
 def _key(geometry: Geometry) -> str:
     digest = hashlib.sha256(repr(geometry).encode())
-    for module in (radon, radon_operator):
+    for module in (radon, radon_build, radon_geometry, radon_operator):
         digest.update(Path(str(module.__file__)).read_bytes())
     return digest.hexdigest()[:32]
 
 
-def _read(path: Path, geometry: Geometry) -> Blocks | None:
-    """Return the blocks in the file; None when it is missing, damaged or not what it should be."""
+def _read(path: Path, geometry: Geometry) -> Matrix | None:
+    """Return the matrix in the file; None when it is missing, damaged or not what it should be."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            blocks: Blocks = {name: archive[name] for name in archive.files}
+            arrays = {name: archive[name] for name in archive.files}
+            matrix = _matrix(arrays)
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None
-    sizes = {name: block.shape for name, block in blocks.items()}
-    wanted = {name: (n, n) for name, n in block_sizes(geometry).items()}
-    right = sizes == wanted and all(block.dtype == np.float32 for block in blocks.values())
-    return blocks if right else None
+    return matrix if _fits(matrix, geometry) else None
 
 
-def _write(path: Path, blocks: Blocks) -> None:
+def _fits(matrix: Matrix, geometry: Geometry) -> bool:
+    pixels = geometry.size**2
+    sizes = {name: block.shape for name, block in matrix.blocks.items()}
+    return (
+        sizes == {name: (n, n) for name, n in block_sizes(geometry).items()}
+        and all(block.dtype == np.float32 for block in matrix.blocks.values())
+        and all(
+            c.matrix.dtype == np.float32
+            and c.matrix.shape == (len(c.targets), len(c.sources))
+            and max(c.targets.max(), c.sources.max()) < pixels
+            for c in matrix.corrections
+        )
+    )
+
+
+def _matrix(arrays: dict[str, NDArray[Any]]) -> Matrix:
+    """Return the matrix that `_arrays` wrote. KeyError: something is missing."""
+    blocks = {n.removeprefix("block."): a for n, a in arrays.items() if n.startswith("block.")}
+    count = sum(name.startswith("targets.") for name in arrays)
+    return Matrix(
+        blocks,
+        tuple(
+            Correction(arrays[f"targets.{i}"], arrays[f"sources.{i}"], arrays[f"matrix.{i}"])
+            for i in range(count)
+        ),
+    )
+
+
+def _arrays(matrix: Matrix) -> dict[str, NDArray[Any]]:
+    """Return all arrays of a matrix by the names that they have in the file."""
+    arrays: dict[str, NDArray[Any]] = {f"block.{n}": a for n, a in matrix.blocks.items()}
+    for i, correction in enumerate(matrix.corrections):
+        arrays[f"targets.{i}"] = correction.targets
+        arrays[f"sources.{i}"] = correction.sources
+        arrays[f"matrix.{i}"] = correction.matrix
+    return arrays
+
+
+def _write(path: Path, matrix: Matrix) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".part")
     try:
         with os.fdopen(handle, "wb") as file:
-            np.savez(file, **blocks)  # pyright: ignore[reportArgumentType] (names are not options)
+            np.savez(file, allow_pickle=False, **_arrays(matrix))
         os.replace(name, path)
     except BaseException:
         Path(name).unlink(missing_ok=True)

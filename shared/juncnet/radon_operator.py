@@ -7,72 +7,47 @@ square about the rotation axis, and with its diagonal ones, if the lattice of of
 the matrix then falls into blocks: of 561, 528, 528 and 496 rows, and one of 1056 rows used twice:
 together 7.5 times smaller and 5 times less to multiply, without any approximation. A picture of
 even side is first given the row and the column of zeros that it lacks opposite to its first ones.
+
+Where the number of offsets is even, the first one has no opposite. The blocks then are those of the
+lattice with the opposite added, and corrections take back what that adds: it concerns only what
+lies at the rim: with `circle` pixels outside the inscribed circle, else a few at the corners.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from juncnet import radon
-from juncnet.radon import FilterName
+from juncnet.radon_geometry import Geometry, Symmetry
 
 F32 = NDArray[np.float32]
 Blocks = dict[str, F32]
-Indices = tuple[NDArray[np.intp], NDArray[np.intp]]
+Indices = NDArray[np.intp]
 Parts = tuple[F32, F32, F32, F32]
-MAX_SIZE = 256
-"""Largest side of a picture: the matrix grows with its fourth power."""
-
-
-class Symmetry(StrEnum):
-    """What the map commutes with."""
-
-    NONE = "none"
-    MIRRORS = "mirrors"
-    """Up-down and left-right."""
-    SQUARE = "square"
-    """Those and the diagonals: the whole group of the square."""
 
 
 @dataclass(frozen=True)
-class Geometry:
-    """The parameters that the map depends on.
+class Correction:
+    """What is added to the blocks' result: `matrix` (T, P) times the pixels `sources` (P), to the
+    pixels `targets` (T); both are indices into the flattened picture."""
 
-    `size` is the side of the square picture; angles in degrees; `filter_name` and `circle` as
-    `juncnet.radon` takes them.
-    """
+    targets: Indices
+    sources: Indices
+    matrix: F32
 
-    size: int
-    angles_deg: tuple[float, ...]
-    filter_name: FilterName | None = "ramp"
-    circle: bool = False
 
-    def __post_init__(self) -> None:
-        if not 2 <= self.size <= MAX_SIZE:
-            raise ValueError(f"size: {self.size} outside 2..{MAX_SIZE}")
-        radon.checked_angles(self.angles_deg)
-        radon.filter_response(64, self.filter_name)
+@dataclass(frozen=True)
+class Matrix:
+    """The map's matrix: blocks in coordinates of the symmetry, corrections in pixels."""
+
+    blocks: Blocks
+    corrections: tuple[Correction, ...] = ()
 
     @property
-    def offsets(self) -> int:
-        """R, the number of offsets of a projection."""
-        return radon.projection_size(self.size, self.size, self.circle)
-
-    @property
-    def symmetry(self) -> Symmetry:
-        """What the map commutes with."""
-        if self.offsets % 2 == 0 or not _same_lines(self.angles_deg, lambda a: -a):
-            return Symmetry.NONE
-        square = _same_lines(self.angles_deg, lambda a: 90.0 - a)
-        return Symmetry.SQUARE if square else Symmetry.MIRRORS
-
-    @property
-    def domain(self) -> int:
-        """Side of the square on which the map is built: if mirrored odd, the axis in its middle."""
-        return self.size if self.symmetry is Symmetry.NONE else 2 * (self.size // 2) + 1
+    def nbytes(self) -> int:
+        """Memory in bytes."""
+        blocks = sum(block.nbytes for block in self.blocks.values())
+        return blocks + sum(correction.matrix.nbytes for correction in self.corrections)
 
 
 class Reconstruction:
@@ -80,22 +55,14 @@ class Reconstruction:
 
     Args:
         geometry: the map's parameters.
-        blocks: its matrix in coordinates of the symmetry, as `build_blocks` returns it.
+        matrix: its matrix, as `juncnet.radon_build.build` returns it.
     """
 
-    def __init__(self, geometry: Geometry, blocks: Blocks) -> None:
+    def __init__(self, geometry: Geometry, matrix: Matrix) -> None:
         self.geometry = geometry
-        self._blocks = blocks
-        self._half = geometry.size // 2
-        self._even_upper = np.triu_indices(self._half + 1)
-        self._even_strict = np.triu_indices(self._half + 1, 1)
-        self._odd_upper = np.triu_indices(self._half)
-        self._odd_strict = np.triu_indices(self._half, 1)
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of the matrix in bytes."""
-        return sum(block.nbytes for block in self._blocks.values())
+        self.matrix = matrix
+        half = geometry.size // 2
+        self._triangles = {"ee": _Triangles(half + 1), "oo": _Triangles(half)}
 
     def __call__(self, pictures: F32) -> F32:
         """Return `filtered_back_projection(radon(picture))` of every picture.
@@ -112,6 +79,8 @@ class Reconstruction:
         size = self.geometry.size
         if pictures.ndim != 3 or pictures.shape[1:] != (size, size):
             raise ValueError(f"pictures: needs (N, {size}, {size}), got {pictures.shape}")
+        if not len(pictures):
+            return np.empty_like(pictures)
         if self.geometry.symmetry is Symmetry.NONE:
             return self._multiply("all", pictures)
         extended = pictures
@@ -120,15 +89,20 @@ class Reconstruction:
             extended[:, :size, :size] = pictures
         square = self.geometry.symmetry is Symmetry.SQUARE
         apply = self._square_parts if square else self._mirror_parts
-        return _unfold(apply(*_fold(extended)))[:, :size, :size]
+        result = np.ascontiguousarray(_unfold(apply(*_fold(extended)))[:, :size, :size])
+        for correction in self.matrix.corrections:
+            self._correct(pictures, result, correction)
+        return result
+
+    def _correct(self, pictures: F32, result: F32, correction: Correction) -> None:
+        rim = pictures.reshape(len(pictures), -1).take(correction.sources, axis=1)
+        flat = result.reshape(len(result), -1)
+        flat[:, correction.targets] += _product(correction.matrix, rim)
 
     def _multiply(self, name: str, part: F32) -> F32:
         """Return the block's product with each row of `part` (N, ...), in the same shape."""
-        block = self._blocks[name]
-        flat = part.reshape(len(part), block.shape[1])
-        if len(flat) == 1:
-            return (block @ flat[0]).reshape(part.shape)
-        return (flat @ block.T).reshape(part.shape)
+        block = self.matrix.blocks[name]
+        return _product(block, part.reshape(len(part), block.shape[1])).reshape(part.shape)
 
     def _mirror_parts(self, ee: F32, eo: F32, oe: F32, oo: F32) -> Parts:
         multiply = self._multiply
@@ -137,114 +111,51 @@ class Reconstruction:
     def _square_parts(self, ee: F32, eo: F32, oe: F32, oo: F32) -> Parts:
         both = self._multiply("eo", np.concatenate((eo, oe.transpose(0, 2, 1))))
         return (
-            self._diagonal_parts("ee", ee, self._even_upper, self._even_strict),
+            self._diagonal_parts("ee", ee),
             both[: len(eo)],
             both[len(eo) :].transpose(0, 2, 1),
-            self._diagonal_parts("oo", oo, self._odd_upper, self._odd_strict),
+            self._diagonal_parts("oo", oo),
         )
 
-    def _diagonal_parts(self, name: str, part: F32, upper: Indices, strict: Indices) -> F32:
+    def _diagonal_parts(self, name: str, part: F32) -> F32:
         """Return the product for a part that is split further by the mirror on the diagonal."""
+        triangles = self._triangles[name]
+        even, odd = triangles.split(part)
+        return triangles.join(self._multiply(name + "+", even), self._multiply(name + "-", odd))
+
+
+def _product(matrix: F32, rows: F32) -> F32:
+    """Return the matrix (T, P) times each of `rows` (N, P): (N, T)."""
+    return (matrix @ rows[0])[None] if len(rows) == 1 else rows @ matrix.T
+
+
+class _Triangles:
+    """A square part (N, n, n) as what is even and what is odd under the diagonal mirror."""
+
+    def __init__(self, side: int) -> None:
+        upper, strict = np.triu_indices(side), np.triu_indices(side, 1)
+        self.upper, self.strict = upper[0] * side + upper[1], strict[0] * side + strict[1]
+        even, odd = np.zeros((2, side, side), np.intp)
+        self._sign = np.sign(np.arange(side) - np.arange(side)[:, None]).astype(np.float32)
+        even[upper] = even.T[upper] = np.arange(len(self.upper))
+        odd[strict] = odd.T[strict] = np.arange(len(self.strict))
+        self._even, self._odd = even, odd
+
+    def split(self, part: F32) -> tuple[F32, F32]:
+        """Return the sums (N, n(n+1)/2) and differences (N, n(n-1)/2) of mirrored elements."""
         turned = part.transpose(0, 2, 1)
-        even = self._multiply(name + "+", (part + turned)[:, *upper])
-        odd = self._multiply(name + "-", (part - turned)[:, *strict])
-        result = np.empty_like(part)
-        result[:, *upper] = even
-        result[:, upper[1], upper[0]] = even
-        result[:, *strict] += odd
-        result[:, strict[1], strict[0]] -= odd
-        return result
+        sums = (part + turned).reshape(len(part), -1).take(self.upper, axis=1)
+        return sums, (part - turned).reshape(len(part), -1).take(self.strict, axis=1)
+
+    def join(self, even: F32, odd: F32) -> F32:
+        """Return the part (N, n, n) with these halves: the inverse of `split`, unscaled."""
+        part = even.take(self._even, axis=1)
+        if odd.shape[1]:
+            part += odd.take(self._odd, axis=1) * self._sign
+        return part
 
 
-def block_sizes(geometry: Geometry) -> dict[str, int]:
-    """Return the number of rows, and of columns, of each block of the map's matrix."""
-    odd = geometry.size // 2
-    even = odd + 1
-    match geometry.symmetry:
-        case Symmetry.NONE:
-            return {"all": geometry.size**2}
-        case Symmetry.MIRRORS:
-            return {"ee": even * even, "eo": even * odd, "oe": even * odd, "oo": odd * odd}
-        case Symmetry.SQUARE:
-            triangles = {"ee+": even * (even + 1), "ee-": even * odd, "oo+": odd * even}
-            triangles["oo-"] = odd * (odd - 1)
-            return {"eo": even * odd} | {name: n // 2 for name, n in triangles.items()}
-
-
-def build_blocks(geometry: Geometry) -> Blocks:
-    """Return the map's matrix by blocks, float32 (n, n) each, rows out and columns in.
-
-    Names: `all` without symmetry; else e and o for parts even and odd under the row mirror, then
-    the column mirror; + and - under the diagonal one. Summed over the angles; of two angles that
-    mirror each other one is enough, counted twice.
-    """
-    symmetry = geometry.symmetry
-    offsets, size = geometry.offsets, geometry.domain
-    matrix = radon.filter_matrix(offsets, geometry.filter_name, geometry.circle)
-    back_size = len(matrix)
-    blocks: Blocks = {}
-    for angle, count in _distinct_angles(geometry):
-        forward = _forward_matrix(angle, offsets, size)
-        backward = _backward_matrix(angle, back_size, size, geometry.circle)
-        filtered = (matrix @ forward.reshape(offsets, -1)).reshape(back_size, size, size)
-        into = _coordinates(filtered.astype(np.float32), symmetry, centre=0.5)
-        out = _coordinates(backward.astype(np.float32), symmetry, centre=1.0)
-        scale = np.float32(count * np.pi / (2 * len(geometry.angles_deg)))
-        for name, part in into.items():
-            product = np.matmul((out[name] * scale).T, part, dtype=np.float32)
-            if name in blocks:
-                blocks[name] += product
-            else:
-                blocks[name] = product
-    return blocks
-
-
-def _same_lines(angles: tuple[float, ...], image_of: Callable[[float], float]) -> bool:
-    """Return whether the lines at these angles are, as a set, those at the angles' images."""
-    ours = np.sort(np.asarray(angles) % 180.0)
-    theirs = np.sort(np.asarray([image_of(angle) for angle in angles]) % 180.0)
-    # Across the seam 180 equals 0: compare the turned sorted lists as points of a circle.
-    shifts = (np.roll(theirs, k) for k in (-1, 0, 1))
-    gaps = (np.abs((ours - shifted + 90.0) % 180.0 - 90.0).max() for shifted in shifts)
-    return min(gaps) < 1e-9
-
-
-def _distinct_angles(geometry: Geometry) -> list[tuple[float, int]]:
-    """Return angles and how often to count each: mirror images are counted, not built."""
-    if geometry.symmetry is Symmetry.NONE:
-        return [(angle, 1) for angle in geometry.angles_deg]
-    counts: dict[float, list[float]] = {}
-    for angle in geometry.angles_deg:
-        folded = angle % 180.0
-        counts.setdefault(round(min(folded, 180.0 - folded), 9), []).append(angle)
-    return [(same[0], len(same)) for same in counts.values()]
-
-
-def _forward_matrix(angle: float, offsets: int, size: int) -> NDArray[np.float64]:
-    """Return one projection as a matrix (R, size, size): its offsets from the picture's pixels."""
-    origin = (float(size // 2), float(size // 2))
-    index, weight = radon.bilinear_samples(angle, offsets, (size, size), origin)
-    bordered = (size + 2) ** 2
-    target = index + np.arange(offsets) * bordered
-    matrix = np.zeros(offsets * bordered)
-    matrix += np.bincount(target.ravel(), weight.ravel(), minlength=len(matrix))
-    return matrix.reshape(offsets, size + 2, size + 2)[:, 1:-1, 1:-1]
-
-
-def _backward_matrix(angle: float, offsets: int, size: int, circle: bool) -> NDArray[np.float64]:
-    """Return one back-projection as a matrix (R', size, size): what each offset adds to a pixel."""
-    low, weight_low, weight_high = radon.linear_samples(angle, size, offsets)
-    if circle:
-        outside = radon.outside_circle(size)
-        weight_low[outside] = weight_high[outside] = 0.0
-    matrix = np.zeros((offsets, size * size))
-    pixel = np.arange(size * size)
-    matrix[low.ravel(), pixel] = weight_low.ravel()
-    matrix[low.ravel() + 1, pixel] = weight_high.ravel()
-    return matrix.reshape(offsets, size, size)
-
-
-def _coordinates(rows: F32, symmetry: Symmetry, centre: float) -> Blocks:
+def coordinates(rows: F32, symmetry: Symmetry, centre: float) -> Blocks:
     """Return rows of a matrix (R, D, D) in coordinates of the symmetry, (R, n) for each block.
 
     `centre` weighs what lies on a mirror: sums count it twice, so the map's input side takes half.
@@ -264,11 +175,10 @@ def _coordinates(rows: F32, symmetry: Symmetry, centre: float) -> Blocks:
             blocks[name] = part.reshape(len(part), -1)
         return blocks
     for name, part in (("ee", ee), ("oo", oo)):
-        upper, strict = np.triu_indices(part.shape[1]), np.triu_indices(part.shape[1], 1)
-        weight = np.where(upper[0] == upper[1], 0.5 * centre, 0.5).astype(np.float32)
-        turned = part.transpose(0, 2, 1)
-        blocks[name + "+"] = (part + turned)[:, *upper] * weight
-        blocks[name + "-"] = (part - turned)[:, *strict] * np.float32(0.5)
+        row, column = np.triu_indices(part.shape[1])
+        weight = np.where(row == column, 0.5 * centre, 0.5).astype(np.float32)
+        even, odd = _Triangles(part.shape[1]).split(part)
+        blocks[name + "+"], blocks[name + "-"] = even * weight, odd * np.float32(0.5)
     return blocks
 
 

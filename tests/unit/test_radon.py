@@ -1,5 +1,6 @@
 """The Radon transform against analytic truths and against scikit-image."""
 
+import importlib
 import warnings
 from typing import Any
 
@@ -7,11 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-# scikit-image has no types.
-from skimage import transform as oracle  # pyright: ignore[reportMissingTypeStubs]
-
 from juncnet.radon import FILTERS, evenly_spaced_angles, filtered_back_projection, radon
 
+oracle: Any = importlib.import_module("skimage.transform")  # it has no types
 Floats = NDArray[np.floating[Any]]
 HALF_TURN = evenly_spaced_angles(60)
 

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from juncnet.radon import FilterName, evenly_spaced_angles, filtered_back_projection, radon
+from juncnet.radon_build import build
 from juncnet.radon_cache import load_reconstruction
-from juncnet.radon_operator import Geometry, Reconstruction, Symmetry, build_blocks
+from juncnet.radon_geometry import Geometry, Symmetry
+from juncnet.radon_operator import Reconstruction
 
 GEOMETRIES = [
     Geometry(24, evenly_spaced_angles(20)),
@@ -37,7 +39,7 @@ def test_every_impulse_is_reconstructed_as_in_two_stages(geometry: Geometry) -> 
     # All impulses: the error of any picture in [0, 1] is at most the sum of these.
     size = geometry.size
     impulses = np.eye(size * size, dtype=np.float32).reshape(-1, size, size)
-    ours = Reconstruction(geometry, build_blocks(geometry))(impulses)
+    ours = Reconstruction(geometry, build(geometry))(impulses)
     expected = np.stack([two_stages(geometry, impulse) for impulse in impulses])
     assert np.abs(ours - expected).sum(axis=0).max() < 1e-4
 

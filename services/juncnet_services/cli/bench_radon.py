@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from juncnet.radon import evenly_spaced_angles
 from juncnet.radon_cache import load_reconstruction
-from juncnet.radon_operator import Geometry, Reconstruction
+from juncnet.radon_geometry import Geometry
+from juncnet.radon_operator import Reconstruction
 from juncnet_services.cli.figures import Figure, median, p99, show
 
 F32 = NDArray[np.float32]
@@ -69,7 +70,7 @@ def measure(circle: bool, options: Options) -> list[Figure]:
         "dense matrix, one frame, warm": timed(lambda: dense @ flat, options.repeats // 2),
     }
     oracle = scikit_image(geometry)
-    note = f"{blas_threads()} BLAS thread(s); matrix {reconstruct.nbytes / 1e6:.1f} MB"
+    note = f"{blas_threads()} BLAS thread(s); matrix {reconstruct.matrix.nbytes / 1e6:.1f} MB"
     if oracle is None:
         return [in_ms(f"{prefix}: {name}", t, note) for name, t in times.items()]
     times[ORACLE] = timed(lambda: oracle(single[0]), options.oracle_repeats)
