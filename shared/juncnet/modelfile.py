@@ -54,6 +54,8 @@ class ModelMetadata(BaseModel):
         try:
             return cls.model_validate_json(properties[PROPERTY])
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = ".".join(str(part) for part in first["loc"])
-            raise ModelFileError(f"metadata {where}: {first['msg']}") from error
+            problems = "; ".join(
+                f"{'.'.join(str(part) for part in problem['loc'])}: {problem['msg']}"
+                for problem in error.errors(include_url=False)
+            )
+            raise ModelFileError(f"metadata: {problems}") from error
