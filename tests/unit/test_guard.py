@@ -15,6 +15,7 @@ import psutil
 import pytest
 
 HOLD = b"hold"
+SECOND_HOLD = b"second hold"
 MOVE = b"move"
 LIMIT_S = 0.2
 
@@ -24,10 +25,10 @@ from pathlib import Path
 from juncnet_services.command_output.guard_link import GuardLink
 from juncnet_services.command_output.vehicles import Hold
 
-directory = Path(sys.argv[1])
+directory, hold = Path(sys.argv[1]), sys.argv[2].encode()
 link = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
 address = str(directory / "vehicle.sock")
-with GuardLink(Hold(link.fileno(), address, (b"hold",)), directory) as guard:
+with GuardLink(Hold(link.fileno(), address, (hold,)), directory) as guard:
     print(guard.pid, flush=True)
     while not (directory / "end").exists():
         guard.beat(0.17)
@@ -48,9 +49,9 @@ class World:
         self.guards: list[psutil.Process] = []
         self.drivers: list[subprocess.Popen[str]] = []
 
-    def start(self) -> subprocess.Popen[str]:
+    def start(self, hold: bytes = HOLD) -> subprocess.Popen[str]:
         driver = subprocess.Popen(
-            [sys.executable, "-c", DRIVER, str(self.directory)],
+            [sys.executable, "-c", DRIVER, str(self.directory), hold.decode()],
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -83,12 +84,10 @@ class World:
                 return heard_s - last_s
             last_s = heard_s
 
-    def waiting(self) -> list[bytes]:
-        """Return what was sent and not yet heard."""
-        packets: list[bytes] = []
+    def discard(self) -> None:
+        """Forget what was sent and not yet heard."""
         while select.select([self.vehicle], [], [], 0)[0]:
-            packets.append(self.vehicle.recv(100))
-        return packets
+            self.vehicle.recv(100)
 
     def silent(self, seconds: float) -> bool:
         """Return whether nothing is heard for `seconds`."""
@@ -109,6 +108,7 @@ def children(driver: subprocess.Popen[str]) -> list[psutil.Process]:
 @contextmanager
 def world_in(directory: Path) -> Generator[World]:
     world = World(directory)
+    hurry()
     try:
         yield world
     finally:
@@ -119,6 +119,15 @@ def world_in(directory: Path) -> Generator[World]:
             if guard.is_running():
                 guard.kill()
         world.vehicle.close()
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def hurry() -> None:
+    """Have times taken here, where that is allowed, when packets come, however busy the machine."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(2))
+    except PermissionError:
+        return
 
 
 @pytest.fixture
@@ -141,8 +150,10 @@ def test_holds_in_time_when_its_parent_is_stopped_and_yields_when_it_goes_on(wor
     assert world.first_hold_after_the_last_move() < LIMIT_S
     driver.send_signal(signal.SIGCONT)
     world.until(MOVE)
-    world.until(MOVE)
-    assert [world.hear()[0] for _ in range(10)] == [MOVE] * 10
+    moves, deadline_s = 0, time.monotonic() + 5
+    while moves < 10:
+        moves = moves + 1 if world.hear()[0] == MOVE else 0
+        assert time.monotonic() < deadline_s
 
 
 def test_a_clean_end_leaves_no_process_and_no_packet(world: World) -> None:
@@ -150,17 +161,17 @@ def test_a_clean_end_leaves_no_process_and_no_packet(world: World) -> None:
     (world.directory / "end").touch()
     assert driver.wait(5) == 0
     assert not world.guards[0].is_running()
-    assert HOLD not in world.waiting()
+    world.discard()
     assert world.silent(0.2)
 
 
 def test_a_successor_ends_the_guard_of_its_dead_predecessor(world: World) -> None:
     world.start().kill()
     world.until(HOLD)
-    world.start()
+    world.start(SECOND_HOLD)
     world.guards[0].wait(5)
-    world.until(MOVE)
-    assert [world.hear()[0] for _ in range(10)] == [MOVE] * 10
+    world.discard()
+    assert HOLD not in [world.hear()[0] for _ in range(10)]
 
 
 def test_survives_the_signals_that_end_its_parent_and_stays_out_of_its_group(world: World) -> None:

@@ -1,20 +1,15 @@
 """The simulated drone or rover: JSON datagrams over a UNIX socket in the flight's directory."""
 
-import json
-import os
-import socket
 import time
 from pathlib import Path
 from typing import ClassVar, Literal
 
 from juncnet.clocks import NS_PER_S
 from juncnet.messages import Capabilities, Pose, Velocity
+from juncnet.simulation import link
 from juncnet_services.command_output.vehicles import DriverOptions, Hold, Telemetry
 
-VEHICLE_SOCKET = "vehicle.sock"
-CLIENT_SOCKET = "vehicle-client-{pid}.sock"
 LANDING_MPS = -0.5
-MAX_DATAGRAM = 65536
 
 
 class SimulatedOptions(DriverOptions):
@@ -41,16 +36,13 @@ class SimulatedVehicle:
             telemetry=options.telemetry,
         )
         self.send_failures = 0
-        self._address = str(flight_dir / VEHICLE_SOCKET)
-        self._own = flight_dir / CLIENT_SOCKET.format(pid=os.getpid())
+        self._address = str(link.server_address(flight_dir))
         self._newest: Telemetry | None = None
         self._newest_ns = 0
         _remove_dead(flight_dir)
-        self._own.unlink(missing_ok=True)
-        self._link = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._link.setblocking(False)
-        self._link.bind(str(self._own))
-        self._send(json.dumps({"type": "hello"}).encode())
+        self._link = link.open_client(flight_dir)
+        self._own = Path(self._link.getsockname())
+        self._send(link.encode(link.Hello()))
 
     def send(self, velocity: Velocity, brake: bool) -> None:
         self._send(_setpoint(velocity, brake))
@@ -64,7 +56,7 @@ class SimulatedVehicle:
         self._send(_setpoint(Velocity(), brake=True))
 
     def hold(self) -> Hold | None:
-        return Hold(self._link.fileno(), self._address, (_setpoint(Velocity(), brake=True),))
+        return Hold(self._link.fileno(), self._address, (link.encode(link.HOLD),))
 
     def telemetry(self, max_age_s: float) -> Telemetry | None:
         datagram = self._drain()
@@ -89,39 +81,37 @@ class SimulatedVehicle:
         newest = None
         while True:
             try:
-                newest = self._link.recv(MAX_DATAGRAM)
+                newest = self._link.recv(link.MAX_DATAGRAM)
             except OSError:
                 return newest
 
 
 def _setpoint(velocity: Velocity, brake: bool) -> bytes:
-    fields = {"type": "setpoint", **velocity.model_dump(), "brake": brake}
-    return json.dumps(fields).encode()
+    return link.encode(link.Setpoint(**velocity.model_dump(), brake=brake))
 
 
 def _telemetry(datagram: bytes) -> Telemetry | None:
     """Return the simulator's telemetry, whose axes and units are ours; None when malformed."""
     try:
-        fields = json.loads(datagram)
-        yaw = fields["yaw_rad"]
+        seen = link.decode_telemetry(datagram)
         return Telemetry(
-            yaw_rad=yaw,
+            yaw_rad=seen.yaw_rad,
             velocity=Velocity(
-                forward_mps=fields["forward_mps"],
-                lateral_mps=fields["lateral_mps"],
-                yaw_rate_radps=fields["yaw_rate_radps"],
+                forward_mps=seen.forward_mps,
+                lateral_mps=seen.lateral_mps,
+                yaw_rate_radps=seen.yaw_rate_radps,
             ),
-            pose=Pose(x_m=fields["x_m"], y_m=fields["y_m"], z_m=fields["z_m"], yaw_rad=yaw),
-            battery=fields["battery"],
-            flying=fields["flying"],
+            pose=Pose(x_m=seen.x_m, y_m=seen.y_m, z_m=seen.z_m, yaw_rad=seen.yaw_rad),
+            battery=seen.battery,
+            flying=seen.flying,
         )
-    except (ValueError, KeyError, TypeError):
+    except ValueError:
         return None
 
 
 def _remove_dead(flight_dir: Path) -> None:
     """Remove the sockets that killed predecessors left behind."""
-    for path in flight_dir.glob(CLIENT_SOCKET.format(pid="*")):
+    for path in flight_dir.glob("vehicle-client-*.sock"):
         pid = path.stem.rpartition("-")[2]
         if pid.isdigit() and not Path("/proc", pid).exists():
             path.unlink(missing_ok=True)
