@@ -33,10 +33,11 @@ class Simulation:
 
     def take_picture(self) -> None:
         """Send what the camera sees at this instant under this instant's stamp."""
-        self.header = self.camera.stamp()
-        self.camera.take(self.drone.at(self.header.time_ns), self.header)
+        header = self.camera.stamp()
+        self.camera.take(self.drone.at(header.time_ns), header)
+        self.header = header
         self.real_time.note_frame(self.bus.clock.now_ns())
-        self.bus.health.output(self.header.time_ns, self.header)
+        self.bus.health.output(header.time_ns, header)
 
     def tell_truth(self) -> None:
         """Publish the truth of this instant."""

@@ -5,7 +5,6 @@ The guard process of command_output speaks it too, so nothing here may import mo
 """
 
 import json
-import math
 import os
 import socket
 from dataclasses import asdict, dataclass, fields
@@ -18,6 +17,7 @@ CLIENT_MEMORY_S = 2.0
 TELEMETRY_HZ = 50.0
 MAX_DATAGRAM = 4096
 _LIMIT = 1e9
+_LONGEST = 2**63
 
 
 class LinkError(ValueError):
@@ -158,7 +158,7 @@ def _object(datagram: bytes) -> dict[str, object]:
 
 
 def _checked(cls: type[T], values: dict[str, object]) -> T:
-    names = {field.name: str(field.type) for field in fields(cls)}
+    names = {f.name: getattr(f.type, "__name__", str(f.type)) for f in fields(cls)}
     unknown = values.keys() - names.keys()
     if unknown:
         raise LinkError(f"{min(unknown)}: unknown field")
@@ -166,13 +166,13 @@ def _checked(cls: type[T], values: dict[str, object]) -> T:
         if name not in values:
             raise LinkError(f"{name}: missing")
         value = values[name]
-        if wanted.endswith("bool'>") or wanted == "bool":
+        if wanted == "bool":
             if not isinstance(value, bool):
                 raise LinkError(f"{name}: expected true or false")
         elif isinstance(value, bool) or not isinstance(value, (int, float)):
             raise LinkError(f"{name}: expected a number")
-        elif "int" in wanted and not isinstance(value, int):
+        elif wanted == "int" and not isinstance(value, int):
             raise LinkError(f"{name}: expected an integer")
-        elif isinstance(value, float) and not (math.isfinite(value) and abs(value) < _LIMIT):
+        elif not abs(value) < (_LONGEST if wanted == "int" else _LIMIT):
             raise LinkError(f"{name}: {value} is out of range")
     return cls(**values)  # pyright: ignore[reportArgumentType]  # every type was checked above

@@ -47,9 +47,9 @@ def resample(points: Points, spacing_m: float = SPACING_M) -> Points:
     """Return an (M, 2) polyline along `points` (N, 2), evenly spaced, <= `spacing_m` apart."""
     along = arc_lengths(points)
     count = max(2, math.ceil(along[-1] / spacing_m) + 1)
-    wanted = np.linspace(0.0, along[-1], count)
-    columns = [np.interp(wanted, along, points[:, axis]) for axis in (0, 1)]
-    return np.stack(columns, axis=1)
+    wanted = np.linspace(0.0, float(along[-1]), count)
+    x, y = np.interp(wanted, along, points[:, 0]), np.interp(wanted, along, points[:, 1])
+    return np.stack([x, y], axis=1)
 
 
 def arc_lengths(points: Points) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ import numpy as np
 from juncnet.simulation.roads import Points, RoadNetwork, resample
 from juncnet.simulation.world import Box, Patch, SidePath, Surface, Tree
 
+_SEEDS: int = 2**31
 CAR_CLEARANCE_M = 2.0
 """Parked cars leave this much free on both sides of a centre line."""
 CAR_NODE_M = 16.0
@@ -74,6 +75,10 @@ def _left(heading: float) -> Points:
     return np.array([-math.sin(heading), math.cos(heading)])
 
 
+def _metres(point: Points) -> tuple[float, float]:
+    return float(point[0]), float(point[1])
+
+
 def _paths(rng: np.random.Generator, network: RoadNetwork, count: int) -> tuple[SidePath, ...]:
     made: list[SidePath] = []
     surfaces: tuple[Surface, ...] = ("dirt", "gravel", "concrete")
@@ -114,11 +119,11 @@ def _houses(
         half, point, heading, side = _beside(rng, network, 4.0)
         length, width = float(rng.uniform(7.0, 15.0)), float(rng.uniform(6.0, 10.0))
         away = half + rng.uniform(3.5, 9.0) + width / 2
-        x, y = (point + side * away * _left(heading)).tolist()
+        x, y = _metres(point + side * away * _left(heading))
         yaw = heading + (math.pi if side < 0 else 0.0)
         height = float(rng.uniform(3.0, 8.5))
         colour = _WALL_COLOURS[int(rng.integers(len(_WALL_COLOURS)))]
-        box = Box("building", x, y, yaw, length, width, height, colour, int(rng.integers(2**31)))
+        box = Box("building", x, y, yaw, length, width, height, colour, int(rng.integers(_SEEDS)))
         rim = resample(np.concatenate([box_corners(box), box_corners(box)[:1]]), 2.0)
         reach = math.hypot(length, width) / 2
         crowded = any(
@@ -145,11 +150,11 @@ def _cars(
         if half >= 3.0:
             # On wide roads a car may stand with its inner wheels on the road.
             inner = max(half - rng.uniform(0.0, 0.7), CAR_CLEARANCE_M + 0.2)
-        x, y = (point + side * (inner + width / 2) * _left(heading)).tolist()
+        x, y = _metres(point + side * (inner + width / 2) * _left(heading))
         yaw = heading + (math.pi if rng.random() < 0.5 else 0.0)
         height = float(rng.uniform(1.4, 1.7))
         colour = _CAR_COLOURS[int(rng.integers(len(_CAR_COLOURS)))]
-        box = Box("car", x, y, yaw, length, width, height, colour, int(rng.integers(2**31)))
+        box = Box("car", x, y, yaw, length, width, height, colour, int(rng.integers(_SEEDS)))
         corners = box_corners(box)
         crowded = any(math.hypot(b.x_m - x, b.y_m - y) < 6.0 for b in made)
         if crowded or not _free_of_paths(corners, paths, 1.8):
@@ -171,14 +176,14 @@ def _trees(
     radii = rng.uniform(0.6, 2.8, 2 * count)
     free = network.nearest(places).edge_m > 0.9 + 0.8 * radii
     made: list[Tree] = []
-    for index in np.flatnonzero(free).tolist():
-        x, y = places[index].tolist()
+    for index in np.flatnonzero(free):
+        x, y = _metres(places[index])
         radius = float(radii[index])
         inside = any(math.hypot(h.x_m - x, h.y_m - y) < radius + 0.6 * h.length_m for h in houses)
-        if inside or not _free_of_paths(places[index : index + 1], paths, 1.3 + 0.5 * radius):
+        if inside or not _free_of_paths(places[None, index], paths, 1.3 + 0.5 * radius):
             continue
         height = float(radius * rng.uniform(1.6, 3.2))
-        made.append(Tree(x, y, radius, height, int(rng.integers(2**31))))
+        made.append(Tree(x, y, radius, height, int(rng.integers(_SEEDS))))
     return tuple(made[:count])
 
 
@@ -186,8 +191,8 @@ def _patches(rng: np.random.Generator, network: RoadNetwork, density: Density) -
     made: list[Patch] = []
     for _ in range(density.patches):
         _, point, heading, side = _beside(rng, network, 3.0)
-        x, y = (point + side * rng.uniform(0.0, 4.5) * _left(heading)).tolist()
+        x, y = _metres(point + side * rng.uniform(0.0, 4.5) * _left(heading))
         dry = rng.random() >= density.mud
         kind = ("puddle" if rng.random() < 0.5 else "repair") if dry else "mud"
-        made.append(Patch(kind, x, y, float(rng.uniform(0.4, 1.8)), int(rng.integers(2**31))))
+        made.append(Patch(kind, x, y, float(rng.uniform(0.4, 1.8)), int(rng.integers(_SEEDS))))
     return tuple(made)

@@ -9,7 +9,7 @@ import numpy as np
 
 from juncnet.messages import Mission, Turn
 from juncnet.simulation.roads import RoadNetwork, arm_ends, arm_id, reverse_arm
-from juncnet.simulation.world import World, wrap
+from juncnet.simulation.world import World, shuffled, wrap
 
 STRAIGHT_RAD = math.radians(40.0)
 """Up to this angle a way through a junction is straight on; up to `SHARPEST_RAD` it is a turn."""
@@ -153,9 +153,7 @@ def _paths(
         return
     driven = {arm // 2 for arm in path}
     angles = ways(network, path[-1])
-    arms = sorted(angles)
-    for index in rng.permutation(len(arms)).tolist():
-        arm = arms[index]
+    for arm in shuffled(rng, sorted(angles)):
         if arm // 2 not in driven and abs(angles[arm]) <= SHARPEST_RAD and _sayable(angles, arm):
             yield from _paths(network, rng, [*path, arm], junctions)
 

@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from juncnet.simulation.paving import draw_roads
 from juncnet.simulation.roads import Junction, RoadNetwork, arc_lengths
 from juncnet.simulation.roadside import Density, furnish
 from juncnet.simulation.routes import plan_mission
-from juncnet.simulation.townplan import TownPlan, draw_roads
-from juncnet.simulation.world import Road, Start, Style, TimeOfDay, World, wrap
+from juncnet.simulation.townplan import TownPlan
+from juncnet.simulation.world import Road, Start, Style, TimeOfDay, World, shuffled, wrap
 
 PALETTES = ("temperate", "dry", "autumn", "nordic", "suburb")
 """Palettes of random worlds. `withheld` exists too: only an explicit style uses it, for tests."""
@@ -197,10 +198,10 @@ def _start(rng: np.random.Generator, network: RoadNetwork) -> Start | None:
         for towards in (road.a, road.b)
         if towards in network.junctions
     ]
-    order = rng.permutation(len(candidates)).tolist()
-    order.sort(key=lambda i: not _from_dead_end(network, *candidates[i]))
-    for index in order:
-        start = _start_on(network, *candidates[index])
+    candidates = shuffled(rng, candidates)
+    candidates.sort(key=lambda candidate: not _from_dead_end(network, *candidate))
+    for road, towards in candidates:
+        start = _start_on(network, road, towards)
         if start is not None and _has_routes(replace(world, start=start)):
             return start
     return None

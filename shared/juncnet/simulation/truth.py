@@ -217,20 +217,23 @@ class PassCounter:
                 arm = self._truth.driving(x_m, y_m, yaw_rad)
                 self._path.extend([] if arm is None else [arm])
             return
-        leaving = self._arm_left_by(self._inside, x_m, y_m)
-        if not self._path or leaving != reverse_arm(self._path[-1]):
-            self._left(leaving)
-        elif self._truth.driving(x_m, y_m, yaw_rad) == leaving:
-            # Back the way it came: no pass, but another direction from here on.
+        node, self._inside = self._inside, None
+        leaving = self._arm_left_by(node, x_m, y_m)
+        if not self._path:
             self._path.append(leaving)
-        self._inside = None
+        elif leaving == reverse_arm(self._path[-1]):
+            # Back the way it came: no pass, but another direction from here on.
+            if self._truth.driving(x_m, y_m, yaw_rad) == leaving:
+                self._path.append(leaving)
+        elif leaving != self._path[-1]:
+            self._passed(node, leaving)
 
-    def _left(self, leaving: int) -> None:
-        known = bool(self._path)
-        if known and self._path[-1] == leaving:
-            return
+    def _passed(self, node: int, leaving: int) -> None:
+        if arm_ends(self._truth.world, self._path[-1])[0] == node:
+            # It had turned round on the road that it left this junction by.
+            self._path.append(reverse_arm(self._path[-1]))
         self._path.append(leaving)
-        self.passed += 1 if known else 0
+        self.passed += 1
 
     def _arm_left_by(self, node: int, x_m: float, y_m: float) -> int:
         arms = self._truth.network.junctions[node].arms

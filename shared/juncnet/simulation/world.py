@@ -5,12 +5,14 @@ generators are in `towns`, ground truth in `truth`, pictures in `render`.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+T = TypeVar("T")
 Surface = Literal["asphalt", "concrete", "cobble", "gravel", "dirt"]
 Marking = Literal["none", "centre_dashed", "centre_solid", "edges", "full"]
 TimeOfDay = Literal["morning", "noon", "evening", "overcast"]
@@ -91,7 +93,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Style:
-    """How a world looks: palette, light and weather. `palette` names a row of the renderer's table."""
+    """How a world looks: palette, light, weather. `palette` names a row of the renderer's table."""
 
     palette: str = "temperate"
     time_of_day: TimeOfDay = "noon"
@@ -150,3 +152,8 @@ class World:
 def wrap(angle_rad: float) -> float:
     """Return the angle in (-pi, pi]."""
     return math.pi - (math.pi - angle_rad) % (2 * math.pi)
+
+
+def shuffled(rng: np.random.Generator, items: Sequence[T]) -> list[T]:
+    """Return `items` in random order."""
+    return [items[int(index)] for index in rng.permutation(len(items))]
