@@ -17,14 +17,14 @@ import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from juncnet.flight import SOCKET_PATH_LIMIT, Flight
 from juncnet.frames import Frame, FrameLayout
-from juncnet.frames_wire import PREFIX_BYTES, FramePrefix, SerialGate
+from juncnet.frames_wire import PREFIX_BYTES, FramePrefix, SerialGate, number
 from juncnet.health import HealthCounters
 from juncnet.inbox import Wake
 from juncnet.messages import MessageError, Stamp
@@ -52,17 +52,39 @@ def root(flight: Flight) -> Path:
     return Path(tempfile.gettempdir()) / flight.tag
 
 
-def sweep(flight: Flight) -> bool:
-    """Remove what killed processes of this flight left behind; False while some still run."""
-    with (flight.directory / "frames.lock").open("a") as lock:
-        try:
+def _lock_path(tag: str) -> Path:
+    return (
+        SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir())
+    ) / f"{tag}_lock"
+
+
+def join_lock(tag: str) -> TextIO:
+    """Return the lock, held, that says: a process of the flight with this tag uses its memory."""
+    path = _locks() / f"{tag}_lock"
+    while True:
+        lock = path.open("a")
+        fcntl.flock(lock, fcntl.LOCK_SH)
+        if _is_at(lock, path):
+            return lock
+        lock.close()
+
+
+def sweep(flight: Flight | None = None) -> None:
+    """Remove what flights without a living process left in shared memory.
+
+    Any flight of this user is swept, its directory may be long gone; `flight` with its files too.
+    """
+    for path in _locks().glob("jn????????_lock"):
+        tag = path.name.removesuffix("_lock")
+        with contextlib.suppress(OSError), path.open("a") as lock:  # OSError: alive, or not ours
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        for leftover in SHARED_MEMORY.glob(f"{flight.tag}_*"):
-            leftover.unlink(missing_ok=True)
-        shutil.rmtree(root(flight), ignore_errors=True)
-    return True
+            if not _is_at(lock, path):
+                continue
+            if flight is not None and flight.tag == tag:
+                shutil.rmtree(root(flight), ignore_errors=True)
+            shutil.rmtree(Path(tempfile.gettempdir()) / tag, ignore_errors=True)
+            for leftover in path.parent.glob(f"{tag}_*"):
+                leftover.unlink(missing_ok=True)
 
 
 class IceoryxNode:
@@ -71,8 +93,7 @@ class IceoryxNode:
     def __init__(self, flight: Flight) -> None:
         self._flight = flight
         sweep(flight)
-        self._lock = (flight.directory / "frames.lock").open("a")
-        fcntl.flock(self._lock, fcntl.LOCK_SH)
+        self._lock = join_lock(flight.tag)
         root(flight).mkdir(mode=0o700, exist_ok=True)
         self._iox2: Any = importlib.import_module("iceoryx2")
         iox2 = self._iox2
@@ -235,12 +256,12 @@ class IceoryxFrameReader:
     def announce(self, payload: bytes) -> None:
         """Wake: a frame was sent. Anything but the prefix of a frame is counted as an error."""
         try:
-            prefix = FramePrefix.unpack(payload)
+            writer, serial = number(payload)
         except MessageError as error:
             self._health.error(str(error))
             return
         with self._wake.condition:
-            if not self._gate.is_taken(prefix):
+            if not self._gate.is_taken(writer, serial):
                 self._woken = True
                 self._wake.condition.notify_all()
 

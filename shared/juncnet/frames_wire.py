@@ -74,14 +74,7 @@ class FramePrefix:
         Raises:
             MessageError: it is not one, was damaged, or describes an impossible picture.
         """
-        if len(data) < PREFIX_BYTES:
-            raise MessageError(f"Frame.prefix: {len(data)} bytes, needs {PREFIX_BYTES}")
-        body = data[: PREFIX_BYTES - _CHECK.size]
-        values: tuple[Any, ...] = _FIELDS.unpack_from(body)
-        if values[0] != MAGIC or values[1] != VERSION:
-            raise MessageError(f"Frame.prefix: not a frame of version {VERSION}")
-        if _CHECK.unpack_from(data, len(body))[0] != zlib.crc32(body):
-            raise MessageError("Frame.prefix: damaged, its checksum differs")
+        values = _values(data)
         code: int = values[2]
         if code >= len(_FORMATS):
             raise MessageError(f"Frame.format: {code} is unknown")
@@ -91,6 +84,29 @@ class FramePrefix:
             raise MessageError(f"Frame.nbytes: {values[7]}, {layout} needs {layout.nbytes}")
         header = _stamp(values[10:14], values[15][: values[14]])
         return cls(header, layout, values[8], values[9])
+
+
+def _values(data: bytes) -> tuple[Any, ...]:
+    """Return the fields of the undamaged prefix at the beginning of `data`."""
+    if len(data) < PREFIX_BYTES:
+        raise MessageError(f"Frame.prefix: {len(data)} bytes, needs {PREFIX_BYTES}")
+    body = data[: PREFIX_BYTES - _CHECK.size]
+    values: tuple[Any, ...] = _FIELDS.unpack_from(body)
+    if values[0] != MAGIC or values[1] != VERSION:
+        raise MessageError(f"Frame.prefix: not a frame of version {VERSION}")
+    if _CHECK.unpack_from(data, len(body))[0] != zlib.crc32(body):
+        raise MessageError("Frame.prefix: damaged, its checksum differs")
+    return values
+
+
+def number(data: bytes) -> tuple[int, int]:
+    """Return (writer, serial) of a prefix: all that waking needs, without its other fields.
+
+    Raises:
+        MessageError: it is not the prefix of a frame, or damaged.
+    """
+    values = _values(data)
+    return values[8], values[9]
 
 
 def _stamp(numbers: tuple[int, int, int, int], clock: bytes) -> Stamp:
@@ -115,9 +131,9 @@ class SerialGate:
         self._writer, self._serial = -1, -1
         self.drops = 0
 
-    def is_taken(self, prefix: FramePrefix) -> bool:
+    def is_taken(self, writer: int, serial: int) -> bool:
         """Return whether this frame, or a newer one of its writer, was taken."""
-        return prefix.writer == self._writer and prefix.serial <= self._serial
+        return writer == self._writer and serial <= self._serial
 
     def passed(self, prefix: FramePrefix) -> None:
         """Note that this frame was taken."""

@@ -13,7 +13,7 @@ from juncnet.messages import Message, MessageError, Stamp
 STAMP = Stamp(epoch=1, sequence=2, time_ns=3, clock="boot-1")
 SHA = "0" * 64
 MODEL = m.ModelIdentity(name="paper", sha256=SHA)
-STATE = {"flight": "f1", "count": 0, "mission": m.Mission(), "next_turn": None}
+STATE: dict[str, Any] = {"flight": "f1", "count": 0, "mission": m.Mission(), "next_turn": None}
 FEATURES = m.Features.from_array(np.ones((2, 64, 64), np.float32), STAMP, SHA)
 
 EXAMPLES: dict[str, Message] = {
