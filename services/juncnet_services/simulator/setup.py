@@ -21,7 +21,7 @@ class Config(BaseModel):
 
     world: str | None = None
     """Name of a world (`juncnet.simulation.towns.WORLD_NAMES`); None: the random one of `seed`."""
-    seed: int = Field(1, ge=0)
+    seed: int = Field(default=1, ge=0)
     """Of the random world, of the drift and of the camera's noise."""
     palette: str | None = None
     """Colours other than the world's own: temperate, dry, autumn, nordic, suburb, withheld."""
@@ -30,18 +30,18 @@ class Config(BaseModel):
     vehicle: Literal["copter", "rover"] = "copter"
     camera: CameraGeometry | None = None
     """Where the camera sits, what it sees; None: as usual for the vehicle. Aspect: the size's."""
-    width: int = Field(1920, ge=16, le=8192, multiple_of=2)
-    height: int = Field(1080, ge=16, le=8192, multiple_of=2)
-    fps: float = Field(25.0, gt=0, le=240)
-    noise: float = Field(2.0, ge=0, le=50)
+    width: int = Field(default=1920, ge=16, le=8192, multiple_of=2)
+    height: int = Field(default=1080, ge=16, le=8192, multiple_of=2)
+    fps: float = Field(default=25.0, gt=0, le=240)
+    noise: float = Field(default=2.0, ge=0, le=50)
     """Standard deviation of the sensor's noise, grey levels."""
-    speed_error: float = Field(1.0, ge=0.5, le=1.5)
+    speed_error: float = Field(default=1.0, ge=0.5, le=1.5)
     """Real speed as a multiple of the commanded one, which is also what the telemetry believes."""
     drift: bool = True
     """Wind or slip of about 0.1 m/s and a yaw bias of up to 0.5 degrees a second."""
-    link_loss_s: float = Field(10.0, gt=0, le=3600)
+    link_loss_s: float = Field(default=10.0, gt=0, le=3600)
     """How long the last setpoint is flown on when no more come; then it holds."""
-    truth_hz: float = Field(25.0, ge=5, le=100)
+    truth_hz: float = Field(default=25.0, ge=5, le=100)
 
     @model_validator(mode="after")
     def _known_world(self) -> "Config":
