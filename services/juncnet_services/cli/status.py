@@ -31,6 +31,8 @@ COLUMNS = (
     ("pid", "up", "rate", "age ms", "p50 ms", "p99 ms", "drops", "errors", "restarts"),
 )
 """Left-aligned, then right-aligned."""
+LEAST_WIDTH = 110
+"""Of the output, characters: a pipe or a narrow terminal must not cut figures."""
 
 
 class Row(BaseModel):
@@ -166,7 +168,7 @@ def main(argv: list[str]) -> int:
     elif not found:
         print("nothing is up")
     else:
-        console = Console(soft_wrap=True)
+        console = Console(width=max(LEAST_WIDTH, Console().width))
         for status in found:
             console.print(f"robot {status.robot}, flight {status.directory}")
             console.print(table(status))

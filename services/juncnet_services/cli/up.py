@@ -39,7 +39,7 @@ def hopeless(
 def wait_for_health(flight: Flight, supervisor: Supervisor, timeout_s: float) -> list[str]:
     """Wait until every process has reported its health, and return those that have not.
 
-    Ends early once one of them cannot: it has ended, or ends again and again.
+    Does not wait for those that cannot: they have ended, or end again and again.
     """
     deadline = time.monotonic() + timeout_s
     with connect(flight.directory, timeout_s=timeout_s) as bus:
@@ -49,7 +49,8 @@ def wait_for_health(flight: Flight, supervisor: Supervisor, timeout_s: float) ->
         while True:
             silent = [name for name, inbox in inboxes.items() if inbox.newest is None]
             late = time.monotonic() > deadline or not bus.running
-            if not silent or late or hopeless(silent, supervisor.status(), supervisor.restarts()):
+            lost = hopeless(silent, supervisor.status(), supervisor.restarts())
+            if late or len(lost) == len(silent):
                 return silent
             bus.wait(0.2)
             for inbox in inboxes.values():
