@@ -26,7 +26,9 @@ class CameraGeometry(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     height_m: float = Field(default=3.0, gt=0.1, le=120.0)
-    pitch_rad: float = Field(default=math.radians(20.0), ge=0.0, le=math.radians(60.0))
+    pitch_rad: float = Field(
+        default=math.radians(20.0), ge=math.radians(-30.0), le=math.radians(60.0)
+    )
     """Downward tilt of the optical axis below the horizon."""
     horizontal_fov_rad: float = Field(default=math.radians(80.0), gt=0.2, lt=2.8)
     aspect: float = Field(default=16.0 / 9.0, gt=0.2, lt=5.0)

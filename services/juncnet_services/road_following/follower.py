@@ -27,7 +27,7 @@ class FollowerError(Exception):
 
 @dataclass(frozen=True)
 class Proposal:
-    """What a follower proposes for a picture: a velocity, how sure it is (0..1), the road it saw."""
+    """What a follower proposes: a velocity, how sure it is (0..1), and the road it saw, if told."""
 
     velocity: Velocity
     confidence: float = 1.0

@@ -19,11 +19,14 @@ HORIZON_MARGIN = 0.05
 
 @dataclass(frozen=True)
 class RoadEdges:
-    """Where the road ends left and right of a line, for each row; NaN: not seen there."""
+    """Where the road ends left and right of a line, for each row; NaN: no road there."""
 
     x_m: Array
     left_m: Array
     right_m: Array
+    left_open: NDArray[np.bool_]
+    """Whether the left edge is the picture's: there the road may go on."""
+    right_open: NDArray[np.bool_]
     on_road: NDArray[np.bool_]
     """Whether the line itself lies on the road, where the camera sees it."""
     visible: NDArray[np.bool_]
@@ -76,7 +79,7 @@ class GroundView:
         """Return the first edges left and right of a line y = `line_m` (X,), in a mask from above.
 
         Where the line itself is off the road, the nearest road within `reach_m` beside it is
-        taken. An edge that is not inside the picture is NaN: there the road may go on.
+        taken.
         """
         rows, columns = above.shape
         index = np.arange(rows)
@@ -90,22 +93,28 @@ class GroundView:
         nearest = away.argmin(axis=1)
         usable = away[index, nearest] * self._step_m <= reach_m
         column = np.where(usable, nearest, column)
-        left = self._edge(above[:, ::-1], self.visible[:, ::-1], columns - 1 - column)
-        right = self._edge(above, self.visible, column)
+        mirrored = columns - 1 - column
+        left, left_open = self._edge(above[:, ::-1], self.visible[:, ::-1], mirrored)
+        right, right_open = self._edge(above, self.visible, column)
         left_m = self.y_m[0] - self._step_m * (columns - 1 - left)
         right_m = self.y_m[0] - self._step_m * right
         return RoadEdges(
             self.x_m,
             np.where(usable, left_m, np.nan),
             np.where(usable, right_m, np.nan),
+            left_open,
+            right_open,
             on_road & visible,
             visible,
         )
 
     def _edge(
         self, above: NDArray[np.float32], visible: NDArray[np.bool_], start: NDArray[np.intp]
-    ) -> Array:
-        """Return the column (fraction) of the first edge at or after `start` per row, or NaN."""
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the column (fraction) of the first edge at or after `start` per row.
+
+        Where there is none inside the picture: its last visible column, and True beside it.
+        """
         rows, columns = above.shape
         index = np.arange(rows)
         after = np.arange(columns)[None] > start[:, None]
@@ -115,4 +124,5 @@ class GroundView:
         high, low = above[index, inner], above[index, found]
         fraction = np.clip((high - 0.5) / np.maximum(high - low, 1e-6), 0.0, 1.0)
         seen = outside[index, found] & visible[index, found]
-        return np.where(seen, inner + fraction, np.nan)
+        last = columns - 1 - visible[:, ::-1].argmax(axis=1)
+        return np.where(seen, inner + fraction, np.maximum(last, start)), ~seen

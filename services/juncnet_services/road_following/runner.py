@@ -97,7 +97,7 @@ class FollowerRunner:
             self._report(f"follower failed to reset: {type(error).__name__}: {error}")
 
     def command(self, frame: Frame, state: VehicleState | None) -> RoadCommand:
-        """Return the follower's command for `frame`; without velocity when it fails or sees no road."""
+        """Return the command for `frame`; it has no velocity where the follower fails."""
         try:
             with self._watchdog:
                 answer: object = self._follower.follow(frame, state)

@@ -1,6 +1,6 @@
 """road_following: camera/frame, vehicle/state, junction/event -> road/command.
 
-Asks the configured follower, the user's or the built-in one, for a velocity in every newest picture.
+Asks the configured follower, the user's or the built-in one, for a velocity in each picture.
 """
 
 from typing import Any
@@ -40,15 +40,14 @@ def run(bus: Bus, config: Config) -> None:
     events = bus.subscribe(JUNCTION_EVENT, capacity=16)
     while bus.running:
         with frames.take(0.2) as frame:
-            if frame is None:
-                continue
             taken_ns = bus.clock.now_ns()
             states.drain()
             for _, event in events.drain():
                 if event.kind is EventKind.TURN_FINISHED:
                     runner.reset(f"turn finished at junction {event.count}")
-            bus.publish(ROAD_COMMAND, runner.command(frame, states.newest))
-            bus.health.output(taken_ns, frame.header)
+            if frame is not None:
+                bus.publish(ROAD_COMMAND, runner.command(frame, states.newest))
+                bus.health.output(taken_ns, frame.header)
 
 
 def main() -> None:

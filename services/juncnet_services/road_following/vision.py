@@ -13,10 +13,9 @@ from juncnet.frames import Frame
 from juncnet.messages import RoadSeen, Stamp, VehicleState
 from juncnet.small_picture import shrink
 from juncnet_services.road_following.centre_line import (
-    LOOSE_SIGMA,
     PRIOR_SIGMA,
     CentreLine,
-    first_guess,
+    find,
     fit,
 )
 from juncnet_services.road_following.follower import Proposal
@@ -125,14 +124,9 @@ class VisionFollower:
         self, view: GroundView, above: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
     ) -> tuple[CentreLine, RoadEdges]:
         """Return the line in this picture, and the edges beside it."""
-        if self._line is None:
-            reach_m = 2 * self._options.width_m
-            edges = view.edges(above, np.zeros_like(view.x_m), reach_m)
-            start, sigma = first_guess(edges, self._options.width_m), LOOSE_SIGMA
-        else:
-            start, sigma = self._line, PRIOR_SIGMA
+        start = self._line or find(view, above, self._options.width_m)
         edges = view.edges(above, start.y(view.x_m), 0.75 * start.half_width_m)
-        line = fit(edges, start, sigma)
+        line = fit(edges, start, PRIOR_SIGMA)
         return line, view.edges(above, line.y(view.x_m), 0.75 * line.half_width_m)
 
     def _confidence(self, line: CentreLine, edges: RoadEdges) -> float:

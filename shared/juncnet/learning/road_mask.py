@@ -90,7 +90,7 @@ def _twice(x: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Pictures:
-    """Small pictures, uint8 (N, 96, 160, 3), and how much of each cell is road, (N, 48, 80) uint8."""
+    """Small pictures, uint8 (N, 96, 160, 3), and how much of a cell is road, (N, 48, 80) uint8."""
 
     pictures: Bytes
     roads: Bytes
@@ -99,8 +99,8 @@ class Pictures:
 def draw_pictures(worlds: list[World], each: int, seed: int, full_range: bool = True) -> Pictures:
     """Return `each` pictures of every world from random poses on and beside its roads.
 
-    `full_range`: heights 0.6..5 m, pitches 2..38 degrees, fields of view 55..95 degrees, headings up
-    to 45 degrees off; else the cameras and poses of a robot that follows the road.
+    `full_range`: heights 0.6..5 m, pitches 2..38 degrees, fields of view 55..95 degrees, headings
+    up to 45 degrees off; else the cameras and poses of a robot that follows the road.
     """
     pictures: list[Bytes] = []
     roads: list[Bytes] = []
@@ -166,7 +166,7 @@ def _sample(
 
 
 def augmented(pictures: Tensor, roads: Tensor, rng: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Return a batch (N, 96, 160, 3) and (N, 48, 80), 0..1, as other cameras and lights would show it.
+    """Return a batch (N, 96, 160, 3), 0..255, and (N, 48, 80), 0..1, as others would see it.
 
     Mirrored, cut, brighter or darker, shaded, of other contrast and colour, blurred, noisy.
     """
