@@ -10,6 +10,7 @@ import ctypes
 import fcntl
 import importlib
 import importlib.util
+import os
 import shutil
 import tempfile
 import threading
@@ -52,10 +53,13 @@ def root(flight: Flight) -> Path:
     return Path(tempfile.gettempdir()) / flight.tag
 
 
-def _lock_path(tag: str) -> Path:
-    return (
-        SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir())
-    ) / f"{tag}_lock"
+def _locks() -> Path:
+    return SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir())
+
+
+def _is_at(lock: TextIO, path: Path) -> bool:
+    """Return whether the open file is still the one at `path`: a sweep may have removed it."""
+    return path.exists() and os.path.samestat(os.fstat(lock.fileno()), path.stat())
 
 
 def join_lock(tag: str) -> TextIO:
