@@ -134,6 +134,8 @@ class Supervisor:
         deadline = time.monotonic() + START_TIMEOUT_S
         while time.monotonic() < deadline:
             if self.running:
+                if not foreground:  # what we started has only started the supervisor, and ends
+                    self._process.wait(START_TIMEOUT_S)
                 return
             time.sleep(0.05)
         log = self.directory / "supervisord.log"

@@ -1,0 +1,94 @@
+"""up, status and down with real processes."""
+
+import json
+import os
+import signal
+import tempfile
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+
+from juncnet_services.cli import down, events, status, up
+from juncnet_services.cli.local_flights import all_flights, pids_of, running_flights
+from juncnet_services.cli.supervise import Supervisor
+
+LAYOUT = """
+processes = ["frame_capture", "command_output", "router"]
+[launch]
+robot = "cli-test"
+state_dir = "{folder}/state"
+[command_output]
+vehicle = "log"
+"""
+
+
+@pytest.fixture
+def layout(monkeypatch: pytest.MonkeyPatch) -> Generator[Path]:
+    """Return a layout, with a short folder of its own for flights; ends what a test leaves."""
+    with tempfile.TemporaryDirectory(prefix="jn-") as folder:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
+        path = Path(folder) / "small.toml"
+        path.write_text(LAYOUT.format(folder=folder))
+        yield path
+        down.main(["--all"])
+
+
+def test_up_status_down(layout: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert up.main([str(layout)]) == 0
+    (flight,) = running_flights("cli-test")
+    assert str(flight.directory) in capsys.readouterr().out
+    assert len(pids_of(flight)) == 3
+
+    assert up.main([str(layout)]) == 2
+    assert "is up already" in capsys.readouterr().err
+
+    assert status.main(["--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    assert found["robot"] == "cli-test"
+    assert {row["state"] for row in found["processes"]} == {"running"}
+    assert {row["process"]: row["pid"] for row in found["processes"]}.keys() == set(
+        flight.processes
+    )
+    assert status.main([]) == 0
+    assert "command_output" in capsys.readouterr().out
+    assert events.main(["--for", "0.2"]) == 0
+
+    pids = pids_of(flight)
+    assert down.main(["--robot", "cli-test"]) == 0
+    assert not any(Path("/proc", str(pid)).exists() for pid in pids)
+    assert all_flights() == []
+    assert down.main(["--robot", "cli-test"]) == 0
+    assert "nothing is up" in capsys.readouterr().out
+    assert status.main([]) == 1
+
+
+def test_up_says_which_process_does_not_work_and_why(
+    layout: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    setting = 'frame_capture.source={kind="file", path="missing.mp4"}'
+    assert up.main([str(layout), "--set", setting]) == 1
+    text = capsys.readouterr().err
+    assert "1 of 3 processes did not report" in text
+    assert "frame_capture (exited)" in text
+    assert "missing.mp4" in text
+    assert status.main([]) == 1
+
+
+def test_a_wrong_layout_starts_nothing(layout: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert up.main([str(layout), "--set", "frame_capture.frozen_limt=3"]) == 2
+    assert "frozen_limit" in capsys.readouterr().err
+    assert up.main(["no-such-layout"]) == 2
+    assert all_flights() == []
+
+
+def test_down_ends_processes_whose_supervisor_was_killed(layout: Path) -> None:
+    assert up.main([str(layout)]) == 0
+    (flight,) = running_flights()
+    supervisor = int((flight.directory / "supervisord.pid").read_text())
+    os.kill(supervisor, signal.SIGKILL)
+    assert pids_of(flight)
+    assert down.main(["--keep"]) == 0
+    assert not Supervisor(flight.directory).running
+    assert pids_of(flight) == []
+    assert (flight.directory / "command_output.log").exists()

@@ -1,0 +1,86 @@
+"""Which worlds are flown, and how a report is kept and gone on with."""
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from juncnet_services.cli import flights
+from juncnet_services.cli.flights import (
+    Flown,
+    Report,
+    flown_before,
+    main,
+    markdown,
+    save,
+    seeds_of,
+    seeds_of_commit,
+)
+from juncnet_services.cli.judge import Judge, Plan, Summary
+from juncnet_services.cli.provenance import provenance
+
+
+def summary(right: bool) -> Summary:
+    verdict = "flown_right" if right else "failed"
+    empty = Judge(Plan((1, 2), 10.0), "world", "copter").summary()
+    reasons = () if right else ("the mission was not finished",)
+    return empty.model_copy(
+        update={"verdict": verdict, "flown_right": right, "reasons": reasons},
+    )
+
+
+def test_seeds_are_written_as_ranges() -> None:
+    assert seeds_of("1-3") == [1, 2, 3]
+    assert seeds_of("7, 3-4,4") == [7, 3, 4]
+
+
+@pytest.mark.parametrize("text", ["", "a", "3-1", "1-", "-1", "1-99999"])
+def test_what_are_no_seeds_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="--seeds"):
+        seeds_of(text)
+
+
+def test_seeds_follow_from_a_commit() -> None:
+    commit = "0123456789abcdef0123456789abcdef01234567"
+    seeds = seeds_of_commit(commit, 50)
+    assert len(set(seeds)) == 50
+    assert min(seeds) >= 10_000
+    assert max(seeds) <= 999_999
+    number = int(hashlib.sha256(f"{commit}:0".encode()).hexdigest()[:16], 16)
+    assert seeds[0] == 10_000 + number % 990_000
+    assert seeds_of_commit(commit, 3) == seeds[:3]
+    with pytest.raises(ValueError, match="hash"):
+        seeds_of_commit("HEAD", 3)
+
+
+def test_a_report_is_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, flown = tmp_path / "flights.json", list[int]()
+
+    def fly(vehicle: str, seed: int, settings: object) -> Flown:
+        del vehicle, settings
+        flown.append(seed)
+        return Flown(seed=seed, voids=0, summary=summary(seed != 2))
+
+    monkeypatch.setattr(flights, "fly", fly)
+    assert main(["--seeds", "1", "--out", str(out)]) == 0
+    assert main(["--seeds", "1-2", "--out", str(out), "--resume"]) == 1
+    assert flown == [1, 2]
+    report = Report.model_validate_json(out.read_text())
+    assert [f.seed for f in report.flights] == [1, 2]
+    assert not report.all_right
+    table = out.with_suffix(".md").read_text()
+    assert "1 of 2 flown right" in table
+    assert "the mission was not finished" in table
+    assert table in capsys.readouterr().out
+
+
+def test_a_report_with_other_options_is_left_alone(tmp_path: Path) -> None:
+    out = tmp_path / "flights.json"
+    origin = provenance(["juncnet", "flights"])
+    save(Report(vehicle="rover", settings=(), provenance=origin, flights=()), out)
+    assert flown_before(out, "rover", ()) == ()
+    with pytest.raises(ValueError, match="other options"):
+        flown_before(out, "copter", ())
+    assert "0 of 0" in markdown(Report.model_validate_json(out.read_text()))

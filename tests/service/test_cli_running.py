@@ -1,0 +1,69 @@
+"""What status, up and events make of what they hear."""
+
+import pytest
+
+from fakes import FakeBus
+from juncnet.clocks import Instant
+from juncnet.messages import EventKind, Health, JunctionEvent
+from juncnet.topics import JUNCTION_EVENT
+from juncnet_services.cli.events import CAPACITY, Once, follow, line
+from juncnet_services.cli.status import FRESH_S, rows
+from juncnet_services.cli.supervise import ProcessStatus
+from juncnet_services.cli.up import MAX_RESTARTS, hopeless
+from scenes import stamp
+
+
+def health(service: str, second: float) -> Health:
+    return Health(service=service, at=stamp(second), flight="f", pid=1, rate_hz=25.0)
+
+
+def event(index: int, flight: str = "f") -> JunctionEvent:
+    return JunctionEvent(
+        header=stamp(1.0),
+        flight=flight,
+        index=index,
+        kind=EventKind.APPROACHED,
+        count=1,
+        probability=0.9,
+    )
+
+
+def test_a_process_is_well_when_it_runs_and_has_reported_of_late() -> None:
+    now = Instant(round(100e9), "fake-clock")
+    statuses = [ProcessStatus(name, "RUNNING", 7, 5.0) for name in ("a", "b", "c")]
+    statuses.append(ProcessStatus("d", "BACKOFF", 0, 0.0))
+    healths = {"a": health("a", 99.5), "b": health("b", 99.9 - FRESH_S), "d": health("d", 99.9)}
+    found = rows(("a", "b", "c", "d", "e"), statuses, {"a": 2}, healths, now)
+    assert [row.process for row in found] == ["a", "b", "c", "d", "e"]
+    assert [row.well for row in found] == [True, False, False, False, False]
+    assert [row.state for row in found] == ["running"] * 3 + ["backoff", "unknown"]
+    assert [row.restarts for row in found] == [2, 0, 0, 0, 0]
+
+
+def test_waiting_is_hopeless_for_what_has_ended_or_ends_again_and_again() -> None:
+    statuses = [
+        ProcessStatus("ended", "EXITED", 0, 0.0),
+        ProcessStatus("again", "BACKOFF", 0, 0.0),
+        ProcessStatus("slow", "RUNNING", 3, 1.0),
+        ProcessStatus("heard", "EXITED", 0, 0.0),
+    ]
+    restarts = {"again": MAX_RESTARTS, "slow": MAX_RESTARTS - 1}
+    assert hopeless(["ended", "again", "slow"], statuses, restarts) == ["ended", "again"]
+
+
+def test_every_event_passes_once() -> None:
+    once = Once()
+    first = [("r", event(0)), ("r", event(1)), ("r", event(0))]
+    assert once.news(first) == first[:2]
+    assert once.news([("r", event(1)), ("r", event(2))]) == [("r", event(2))]
+    others = [("other", event(0)), ("r", event(0, "g"))]
+    assert once.news(others) == others
+
+
+def test_events_are_printed_as_they_come(capsys: pytest.CaptureFixture[str]) -> None:
+    events = [event(0), event(1), event(1)]
+    bus = FakeBus([(JUNCTION_EVENT, item) for item in events])
+    follow(bus, bus.subscribe(JUNCTION_EVENT, CAPACITY), True, None, float("inf"))
+    printed = capsys.readouterr().out.splitlines()
+    assert printed == [line("robot", item, True) for item in events[:2]]
+    assert all('"robot": "robot"' in text for text in printed)
