@@ -26,7 +26,7 @@ class Config(BaseModel):
     """The follower's own options; it validates them."""
     source: Name = "road_following"
     """Name under which the proposals are published; the navigator obeys one source only."""
-    time_limit_s: float = Field(0.5, gt=0, le=60)
+    time_limit_s: float = Field(default=0.5, gt=0, le=60)
     """A call of the follower that takes longer ends the process, and the supervisor restarts it."""
 
 

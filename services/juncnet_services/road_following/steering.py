@@ -14,19 +14,19 @@ class SteeringOptions(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    speed_mps: float = Field(3.0, gt=0, le=30)
+    speed_mps: float = Field(default=3.0, gt=0, le=30)
     """On a straight road, well seen."""
-    minimum_speed_mps: float = Field(0.6, ge=0, le=30)
+    minimum_speed_mps: float = Field(default=0.6, ge=0, le=30)
     """In the tightest bend and in the greatest doubt."""
-    lateral_acceleration_mps2: float = Field(1.2, gt=0, le=10)
+    lateral_acceleration_mps2: float = Field(default=1.2, gt=0, le=10)
     """Bends are driven no faster than this allows."""
-    yaw_rate_limit_radps: float = Field(1.0, gt=0, le=6)
-    minimum_radius_m: float = Field(0.0, ge=0, le=100)
+    yaw_rate_limit_radps: float = Field(default=1.0, gt=0, le=6)
+    minimum_radius_m: float = Field(default=0.0, ge=0, le=100)
     """Of the vehicle; 0: it turns in place."""
-    lookahead_s: float = Field(1.3, gt=0, le=10)
+    lookahead_s: float = Field(default=1.3, gt=0, le=10)
     """How far ahead the pursued point lies, in time."""
-    lookahead_least_m: float = Field(3.0, gt=0, le=100)
-    delay_s: float = Field(0.25, ge=0, le=2)
+    lookahead_least_m: float = Field(default=3.0, gt=0, le=100)
+    delay_s: float = Field(default=0.25, ge=0, le=2)
     """From a picture to the vehicle's answer: the robot is steered from where it will be then."""
 
 

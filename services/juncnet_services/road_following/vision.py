@@ -36,14 +36,14 @@ class VisionOptions(BaseModel):
 
     camera: CameraGeometry = CameraGeometry()
     """Where the camera sits and how it looks; the aspect is taken from the pictures."""
-    mask: str = "colour"
-    """The road mask model: a path, or a shipped model; `colour`: by colour, without a model."""
+    mask: str = "road-mask"
+    """The road mask model: a path, or a shipped model by name; `colour`: by colour, without a model."""
     steering: SteeringOptions = SteeringOptions()
-    width_m: float = Field(6.0, gt=1, le=60)
+    width_m: float = Field(default=6.0, gt=1, le=60)
     """Usual width of a road, where the picture does not show it."""
-    view_heights: float = Field(5.0, gt=1, le=20)
+    view_heights: float = Field(default=5.0, gt=1, le=20)
     """How far ahead the road is looked at, in camera heights."""
-    view_m: float = Field(14.0, gt=2, le=200)
+    view_m: float = Field(default=14.0, gt=2, le=200)
     """The same in metres; the nearer one counts."""
     unseen: Literal["hold", "go_on"] = "hold"
     """Without road ahead: propose nothing, or go on slowly along the road that was."""
@@ -57,7 +57,9 @@ class VisionFollower:
     def __init__(self, options: VisionOptions) -> None:
         self._options = options
         self._mask: RoadMask = (
-            ColourMask() if options.mask == "colour" else NetworkMask(asset_path(options.mask))
+            ColourMask()
+            if options.mask == "colour"
+            else NetworkMask(asset_path(options.mask, "models", ".onnx"))
         )
         self._view: GroundView | None = None
         self._aspect = 0.0
