@@ -182,12 +182,14 @@ def sharpened(pictures: F32, amount: float) -> F32:
     neighbours = padded[:, :-2, 1:-1] + padded[:, 2:, 1:-1]
     neighbours += padded[:, 1:-1, :-2]
     neighbours += padded[:, 1:-1, 2:]
-    result = pictures * np.float32(1.0 + 4.0 * amount) - neighbours * np.float32(amount)
-    return np.clip(result, 0.0, 1.0, out=result)
+    result: F32 = pictures * np.float32(1.0 + 4.0 * amount)
+    result -= neighbours * np.float32(amount)
+    result.clip(0.0, 1.0, out=result)
+    return result
 
 
 def standardised(features: F32) -> F32:
     """Return features (N, C, S, S), each channel with mean 0 and deviation 1; a flat one is 0."""
     centred = features - features.mean(axis=(2, 3), keepdims=True)
     deviation = np.maximum(centred.std(axis=(2, 3), keepdims=True), 1e-3)
-    return np.asarray(centred / deviation, dtype=np.float32)
+    return (centred / deviation).astype(np.float32)

@@ -1,13 +1,12 @@
 """Building the matrix of a reconstruction map, angle by angle."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from juncnet import radon
+from juncnet.radon import Floats
 from juncnet.radon_geometry import Geometry, Symmetry
 from juncnet.radon_operator import Blocks, Correction, Indices, Matrix, coordinates
 
-F64 = NDArray[np.float64]
 NEGLIGIBLE = 1e-9
 """Weights below this are the rounding of sines and cosines."""
 
@@ -50,7 +49,7 @@ def _build_blocks(geometry: Geometry) -> Blocks:
     return blocks
 
 
-def _filter(geometry: Geometry) -> F64:
+def _filter(geometry: Geometry) -> Floats:
     """Return the filter's matrix on the lattice that the blocks are built for."""
     mirrored = geometry.symmetry is not Symmetry.NONE
     return radon.filter_matrix(geometry.offsets, geometry.filter_name, geometry.circle, mirrored)
@@ -84,17 +83,18 @@ def _rim_correction(geometry: Geometry, cut: Indices) -> Correction:
     targets = np.flatnonzero(inside)
     if lattice == geometry.offsets:
         return Correction(targets, targets[:0], np.zeros((len(targets), 0), np.float32))
-    extra = [_extra_matrix(geometry, angle) for angle in geometry.angles_deg]
     touched = np.zeros(size * size)
-    for matrix in extra:
-        touched += matrix.sum(axis=0)
+    for angle in geometry.angles_deg:
+        touched += _extra_matrix(geometry, angle).sum(axis=0)
     sources = np.flatnonzero(touched > NEGLIGIBLE)
     total = np.zeros((len(targets), len(sources)), np.float32)
     filtering = _filter(geometry)
-    for angle, matrix in zip(geometry.angles_deg, extra, strict=True):
+    for angle in geometry.angles_deg:
         back = _backward_matrix(angle, len(filtering), size, geometry.circle)
         back = back.reshape(len(filtering), -1)[:, targets].astype(np.float32)
-        total += back.T @ (filtering @ matrix[:, sources]).astype(np.float32)
+        total += back.T @ (filtering @ _extra_matrix(geometry, angle)[:, sources]).astype(
+            np.float32
+        )
     total *= np.float32(-np.pi / (2 * len(geometry.angles_deg)))
     return Correction(targets, sources, total)
 
@@ -123,7 +123,7 @@ def _cut_correction(geometry: Geometry, cut: Indices) -> Correction:
     return Correction(cut, sources, total.astype(np.float32))
 
 
-def _extra_matrix(geometry: Geometry, angle: float) -> F64:
+def _extra_matrix(geometry: Geometry, angle: float) -> Floats:
     """Return the part of a projection (lattice, S * S) that is due to the lattice's last row and
     column, of which the true lattice has none."""
     size = geometry.size
@@ -142,7 +142,7 @@ def _distinct_angles(geometry: Geometry) -> list[tuple[float, int]]:
     return [(same[0], len(same)) for same in counts.values()]
 
 
-def _forward_matrix(angle: float, offsets: int, size: int, only_last: bool = False) -> F64:
+def _forward_matrix(angle: float, offsets: int, size: int, only_last: bool = False) -> Floats:
     """Return one projection as a matrix (R, size, size): its offsets from the picture's pixels.
 
     `only_last`: only what the lattice's last row and last column contribute.
@@ -158,7 +158,7 @@ def _forward_matrix(angle: float, offsets: int, size: int, only_last: bool = Fal
     return matrix.reshape(offsets, size + 2, size + 2)[:, 1:-1, 1:-1]
 
 
-def _backward_matrix(angle: float, offsets: int, size: int, circle: bool) -> F64:
+def _backward_matrix(angle: float, offsets: int, size: int, circle: bool) -> Floats:
     """Return one back-projection as a matrix (R', size, size): what each offset adds to a pixel."""
     low, weight_low, weight_high = radon.linear_samples(angle, size, offsets)
     if circle:

@@ -24,6 +24,8 @@ F32 = NDArray[np.float32]
 Blocks = dict[str, F32]
 Indices = NDArray[np.intp]
 Parts = tuple[F32, F32, F32, F32]
+FEW_ROWS = 3
+"""So many matrix-vector products are faster than one matrix product: it packs the matrix first."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ class Reconstruction:
     def __init__(self, geometry: Geometry, matrix: Matrix) -> None:
         self.geometry = geometry
         self.matrix = matrix
+        self._symmetry = geometry.symmetry
         half = geometry.size // 2
         self._triangles = {"ee": _Triangles(half + 1), "oo": _Triangles(half)}
 
@@ -81,13 +84,13 @@ class Reconstruction:
             raise ValueError(f"pictures: needs (N, {size}, {size}), got {pictures.shape}")
         if not len(pictures):
             return np.empty_like(pictures)
-        if self.geometry.symmetry is Symmetry.NONE:
+        if self._symmetry is Symmetry.NONE:
             return self._multiply("all", pictures)
         extended = pictures
         if size % 2 == 0:
             extended = np.zeros((len(pictures), size + 1, size + 1), np.float32)
             extended[:, :size, :size] = pictures
-        square = self.geometry.symmetry is Symmetry.SQUARE
+        square = self._symmetry is Symmetry.SQUARE
         apply = self._square_parts if square else self._mirror_parts
         result = np.ascontiguousarray(_unfold(apply(*_fold(extended)))[:, :size, :size])
         for correction in self.matrix.corrections:
@@ -126,7 +129,9 @@ class Reconstruction:
 
 def _product(matrix: F32, rows: F32) -> F32:
     """Return the matrix (T, P) times each of `rows` (N, P): (N, T)."""
-    return (matrix @ rows[0])[None] if len(rows) == 1 else rows @ matrix.T
+    if len(rows) <= FEW_ROWS:
+        return np.stack([matrix @ row for row in rows])
+    return rows @ matrix.T
 
 
 class _Triangles:
