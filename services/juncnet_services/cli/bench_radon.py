@@ -70,11 +70,18 @@ def measure(circle: bool, options: Options) -> list[Figure]:
         "dense matrix, one frame, warm": timed(lambda: dense @ flat, options.repeats // 2),
     }
     oracle = scikit_image(geometry)
-    note = f"{blas_threads()} BLAS thread(s); matrix {reconstruct.matrix.nbytes / 1e6:.1f} MB"
+    if oracle is not None:
+        times[ORACLE] = timed(lambda: oracle(single[0]), options.oracle_repeats)
+    sizes = {"ours": reconstruct.matrix.nbytes, "dense": dense.nbytes}
+    figures: list[Figure] = []
+    for name, seconds in times.items():
+        size = next((n for kind, n in sizes.items() if name.startswith(kind)), None)
+        memory = "" if size is None else f", matrix {size / 1e6:.1f} MB"
+        figures.append(
+            in_ms(f"{prefix}: {name}", seconds, f"BLAS threads: {blas_threads()}{memory}")
+        )
     if oracle is None:
-        return [in_ms(f"{prefix}: {name}", t, note) for name, t in times.items()]
-    times[ORACLE] = timed(lambda: oracle(single[0]), options.oracle_repeats)
-    figures = [in_ms(f"{prefix}: {name}", t, note) for name, t in times.items()]
+        return figures
     for name, target in (
         ("ours, one frame, warm", 20.0),
         ("ours, one frame, cold cache", 20.0),
@@ -130,7 +137,7 @@ def flush_cache() -> None:
 
 
 def blas_threads() -> str:
-    """Return how many threads the matrix library was told to use."""
+    """Return how many threads the matrix library was told to use (OPENBLAS_NUM_THREADS)."""
     return os.environ.get("OPENBLAS_NUM_THREADS", "all")
 
 
