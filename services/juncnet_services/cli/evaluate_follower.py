@@ -58,7 +58,8 @@ def centre_in_picture(road: RoadSeen, camera: CameraGeometry, row: float) -> flo
     ground = camera.ground(0.5, row)
     if ground is None or len(road.centre) < 2:
         return None
-    x, y = np.array(road.centre).T
+    x = np.array([point[0] for point in road.centre])
+    y = np.array([point[1] for point in road.centre])
     slope = (y[-1] - y[-2]) / (x[-1] - x[-2])
     beyond = max(0.0, ground[0] - float(x[-1]))
     centre = float(np.interp(ground[0], x, y)) + slope * beyond

@@ -120,8 +120,9 @@ def fit(
         weight = np.clip(1.0 - (residual / limit) ** 2, 0.0, None) ** 2
         weight *= outward | ~opened
         scaled = design * (weight / noise**2)[:, None]
-        solution = np.linalg.solve(
-            design.T @ scaled + information, scaled.T @ y + information @ prior
+        solution: Array = np.asarray(
+            np.linalg.solve(design.T @ scaled + information, scaled.T @ y + information @ prior),
+            dtype=np.float64,
         )
         line = CentreLine.of(solution, 0.0)
     expected = 2 * max(int(edges.visible.sum()), edges.x_m.size // 2)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from juncnet.camera import CameraGeometry
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 HORIZON_MARGIN = 0.05
 """Rows closer than this (fraction of the picture) to the horizon are too coarse to use."""
 
@@ -24,12 +26,12 @@ class RoadEdges:
     x_m: Array
     left_m: Array
     right_m: Array
-    left_open: NDArray[np.bool_]
+    left_open: Flags
     """Whether the left edge is the picture's: there the road may go on."""
-    right_open: NDArray[np.bool_]
-    on_road: NDArray[np.bool_]
+    right_open: Flags
+    on_road: Flags
     """Whether the line itself lies on the road, where the camera sees it."""
-    visible: NDArray[np.bool_]
+    visible: Flags
     """Whether the camera sees the line there."""
 
 
@@ -66,7 +68,7 @@ class GroundView:
         map_x = (column * width - 0.5).astype(np.float32)
         map_y = np.broadcast_to((row * height - 0.5)[:, None], column.shape).astype(np.float32)
         self._maps = cv2.convertMaps(map_x, map_y, cv2.CV_16SC2)
-        self.visible: NDArray[np.bool_] = (column >= 0.0) & (column <= 1.0)
+        self.visible: Flags = (column >= 0.0) & (column <= 1.0)
 
     def from_above(self, probability: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the mask over the ground, float32 (X, Y); the border is repeated outside."""
@@ -82,16 +84,17 @@ class GroundView:
         taken.
         """
         rows, columns = above.shape
-        index = np.arange(rows)
+        index: Indices = np.arange(rows, dtype=np.intp)
         start = (self.y_m[0] - line_m) / self._step_m
         visible = (start >= 0) & (start <= columns - 1)
         column = np.clip(np.rint(start), 0, columns - 1).astype(np.intp)
         visible &= self.visible[index, column]
         road = (above > 0.5) & self.visible
         on_road = road[index, column]
-        away = np.where(road, np.abs(np.arange(columns)[None] - column[:, None]), columns)
-        nearest = away.argmin(axis=1)
-        usable = away[index, nearest] * self._step_m <= reach_m
+        across: Indices = np.arange(columns, dtype=np.intp)
+        away: Indices = np.abs(across[None] - column[:, None]) + columns * ~road
+        nearest: Indices = np.argmin(away, axis=1)
+        usable: Flags = away[index, nearest] * self._step_m <= reach_m
         column = np.where(usable, nearest, column)
         mirrored = columns - 1 - column
         left, left_open = self._edge(above[:, ::-1], self.visible[:, ::-1], mirrored)
@@ -109,20 +112,20 @@ class GroundView:
         )
 
     def _edge(
-        self, above: NDArray[np.float32], visible: NDArray[np.bool_], start: NDArray[np.intp]
-    ) -> tuple[Array, NDArray[np.bool_]]:
+        self, above: NDArray[np.float32], visible: Flags, start: Indices
+    ) -> tuple[Array, Flags]:
         """Return the column (fraction) of the first edge at or after `start` per row.
 
         Where there is none inside the picture: its last visible column, and True beside it.
         """
         rows, columns = above.shape
-        index = np.arange(rows)
-        after = np.arange(columns)[None] > start[:, None]
-        outside = (above <= 0.5) & after
-        found = outside.argmax(axis=1)
-        inner = np.maximum(found - 1, 0)
+        index: Indices = np.arange(rows, dtype=np.intp)
+        across: Indices = np.arange(columns, dtype=np.intp)
+        outside: Flags = (above <= 0.5) & (across[None] > start[:, None])
+        found: Indices = np.argmax(outside, axis=1)
+        inner: Indices = np.maximum(found - 1, 0)
         high, low = above[index, inner], above[index, found]
         fraction = np.clip((high - 0.5) / np.maximum(high - low, 1e-6), 0.0, 1.0)
-        seen = outside[index, found] & visible[index, found]
+        seen: Flags = outside[index, found] & visible[index, found]
         last = columns - 1 - visible[:, ::-1].argmax(axis=1)
         return np.where(seen, inner + fraction, np.maximum(last, start)), ~seen

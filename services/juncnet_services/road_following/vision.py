@@ -37,7 +37,7 @@ class VisionOptions(BaseModel):
     camera: CameraGeometry = CameraGeometry()
     """Where the camera sits and how it looks; the aspect is taken from the pictures."""
     mask: str = "road-mask"
-    """The road mask model: a path, or a shipped model by name; `colour`: by colour, without a model."""
+    """The road mask model: a path or a shipped one's name; `colour`: by colour, no model."""
     steering: SteeringOptions = SteeringOptions()
     width_m: float = Field(default=6.0, gt=1, le=60)
     """Usual width of a road, where the picture does not show it."""

@@ -5,6 +5,9 @@ Everything is drawn from `--seed`. Worlds have seeds from 1,000,000; those that 
 1,900,000. The palette `withheld` is scored and nothing else.
 """
 
+# Torch leaves these of its own members without types.
+# pyright: reportUnknownMemberType=false
+
 import argparse
 import hashlib
 import math
@@ -211,7 +214,8 @@ def train(data: Pictures, epochs: int, seed: int, limit_s: float) -> RoadMaskNet
     torch.manual_seed(seed)
     rng = torch.Generator().manual_seed(seed)
     pictures, roads = torch.from_numpy(data.pictures), torch.from_numpy(data.roads)
-    network = RoadMaskNet().to(memory_format=torch.channels_last)
+    network = RoadMaskNet()
+    network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]  # not in stubs
     optimiser = torch.optim.AdamW(network.parameters(), lr=4e-3, weight_decay=1e-4)
     steps = epochs * (len(pictures) // 64)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 4e-3, total_steps=steps)
