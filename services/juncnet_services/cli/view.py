@@ -22,6 +22,7 @@ from juncnet.messages import (
     Turn,
     VehicleState,
 )
+from juncnet.topics import JUNCTION_EVENT
 from juncnet_services.cli.braille import Canvas, Points
 
 MAP_COLUMNS, MAP_ROWS = 56, 24
@@ -140,7 +141,7 @@ def event_text(event: JunctionEvent) -> str:
 
 def _events(watched: Watched) -> RenderableType:
     text = Text("\n").join(Text(event_text(e), _EVENT_STYLES[e.kind]) for e in watched.events)
-    return Panel(text, title="junction/event", width=64, height=11)
+    return Panel(text, title=JUNCTION_EVENT.key, width=64, height=11)
 
 
 def _map(watched: Watched) -> RenderableType:

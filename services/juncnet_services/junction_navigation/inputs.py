@@ -2,6 +2,7 @@
 
 from juncnet.clocks import Instant, ReplayGate, age_s, is_stale
 from juncnet.messages import JunctionScore, Output, RoadCommand, Stamp, VehicleState
+from juncnet.topics import JUNCTION_SCORE, ROAD_COMMAND
 from juncnet_services.junction_navigation.config import NavigatorConfig
 
 
@@ -60,11 +61,11 @@ class Inputs:
         if vehicle is None:
             return "vehicle/state is silent"
         limit_s = self._config.picture_age_s
-        for topic, newest in (("junction/score", self.score), ("road/command", self.road)):
+        for topic, newest in ((JUNCTION_SCORE, self.score), (ROAD_COMMAND, self.road)):
             if newest is None:
-                return f"no {topic} yet"
+                return f"no {topic.key} yet"
             if is_stale(age_s(newest.header.instant, now), limit_s):
-                return f"{topic} rests on a picture older than {limit_s} s"
+                return f"{topic.key} rests on a picture older than {limit_s} s"
         if vehicle.output in (Output.LANDING, Output.EMERGENCY):
             return f"the vehicle's output is {vehicle.output}"
         return ""

@@ -1,4 +1,4 @@
-"""router: (TCP clients) <-> the flight.
+"""router: TCP clients -> the flight, and back.
 
 Outsiders dial the endpoint that stands in `router.endpoint` in the flight directory. The processes
 of the flight do not need it: they talk to each other directly.

@@ -1,0 +1,238 @@
+"""A whole flight in simulated time and one process: the cores of all services around the simulation.
+
+It is faster than real time and deterministic, so tests and tuning use it; what only processes can
+show (latency, kills, late messages) is shown by the flights over Zenoh.
+
+    python tests/closed_loop.py --seeds 1-5 --vehicle copter
+"""
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from juncnet.assets import asset_path
+from juncnet.clocks import NS_PER_S, Instant
+from juncnet.features import Extractor
+from juncnet.frames import Frame, FrameLayout
+from juncnet.layout import load_layout
+from juncnet.messages import (
+    Capabilities,
+    EventKind,
+    JunctionEvent,
+    JunctionScore,
+    Mission,
+    Output,
+    PixelFormat,
+    Pose,
+    RoadCommand,
+    SimulatorTruth,
+    Stamp,
+    VehicleState,
+    Velocity,
+    VelocityCommand,
+)
+from juncnet.simulation.dynamics import Motion
+from juncnet.simulation.render import Renderer
+from juncnet.simulation.world import wrap
+from juncnet_services.cli.demo import Setup, mission_toml, prepare
+from juncnet_services.cli.judge import Judge, Summary
+from juncnet_services.command_output.limits import Limiter
+from juncnet_services.command_output.service import Config as OutputConfig
+from juncnet_services.command_output.vehicles.simulated import SimulatedOptions
+from juncnet_services.junction_inference.model import Model
+from juncnet_services.junction_inference.service import Config as InferenceConfig
+from juncnet_services.junction_navigation.navigator import Navigator
+from juncnet_services.junction_navigation.service import Config as NavigationConfig
+from juncnet_services.road_following.follower import load_follower
+from juncnet_services.road_following.runner import FollowerRunner, Watchdog
+from juncnet_services.road_following.service import Config as FollowingConfig
+from juncnet_services.simulator.observer import Observer
+from juncnet_services.simulator.setup import (
+    Config as SimulatorConfig,
+)
+from juncnet_services.simulator.setup import make_camera, make_vehicle, make_world, starting_motion
+
+CLOCK = "simulated"
+LATENCY_FRAMES = 1
+"""Pictures by which a command follows its picture, 40 ms: twice what the pipeline takes."""
+
+
+@dataclass
+class Trace:
+    """What happened, picture by picture, for plots and for those who tune."""
+
+    truth: list[SimulatorTruth]
+    scores: list[JunctionScore]
+    roads: list[RoadCommand]
+    events: list[JunctionEvent]
+    phases: list[str]
+    errors: list[str]
+
+
+class ClosedLoop:
+    """A flight of `setup` with a camera of `width` x `height`."""
+
+    def __init__(self, setup: Setup, width: int = 640, height: int = 360, fps: float = 25.0):
+        mission = f"junction_navigation.mission={mission_toml(setup.route.mission)}"
+        path = asset_path(setup.layout, "layouts", ".toml")
+        size = (f"simulator.width={width}", f"simulator.height={height}")
+        layout = load_layout(path, (mission, *size, *setup.settings))
+        simulator = layout.section("simulator", SimulatorConfig)
+        following = layout.section("road_following", FollowingConfig)
+        navigation = layout.section("junction_navigation", NavigationConfig)
+        output = layout.section("command_output", OutputConfig)
+        inference = layout.section("junction_inference", InferenceConfig)
+        self.setup, self.step_ns = setup, round(NS_PER_S / fps)
+        self.world, camera = make_world(simulator), make_camera(simulator)
+        self.renderer = Renderer(self.world, width, height, camera, simulator.noise, simulator.seed)
+        self.layout = FrameLayout.packed(PixelFormat.I420, width, height)
+        self.vehicle = make_vehicle(simulator)
+        self.motion: Motion = starting_motion(simulator, self.world, camera)
+        self.observer = Observer(self.world, camera)
+        self.model = Model(asset_path(inference.model, "models", ".onnx"))
+        self.extractor = Extractor(self.model.preprocessing)
+        self.trace = Trace([], [], [], [], [], [])
+        self.runner = FollowerRunner(
+            load_follower(following.follower, following.options),
+            following.source,
+            Watchdog(60.0, following.follower),
+            self.trace.errors.append,
+        )
+        mission_set = Mission.model_validate(setup.route.mission)
+        self.navigator = Navigator(navigation, mission_set, "flight")
+        options = SimulatedOptions.model_validate(output.options)
+        copter = options.kind == "copter"
+        self.capabilities = Capabilities(
+            kind=options.kind,
+            lateral=copter,
+            vertical=copter,
+            turns_in_place=copter,
+            minimum_radius_m=0.0 if copter else 2.5,
+            telemetry=options.telemetry,
+        )
+        self.limiter = Limiter(output.limits, self.capabilities)
+        self.judge = Judge(setup.plan, setup.world.name, setup.vehicle)
+        self.now_ns, self.sequence = NS_PER_S, 0
+        self.pending: list[Velocity] = [Velocity()] * LATENCY_FRAMES
+
+    def _stamp(self) -> Stamp:
+        return Stamp(epoch=1, sequence=self.sequence, time_ns=self.now_ns, clock=CLOCK)
+
+    def _state(self) -> VehicleState:
+        m, told = self.motion, self.capabilities.telemetry
+        measured = Velocity(
+            forward_mps=m.forward_mps, lateral_mps=m.lateral_mps, yaw_rate_radps=m.yaw_rate_radps
+        )
+        return VehicleState(
+            at=self._stamp(),
+            capabilities=self.capabilities,
+            yaw_rad=wrap(m.yaw_rad) if told else None,
+            velocity=measured if told else None,
+            pose=Pose(x_m=m.x_m, y_m=m.y_m, z_m=m.z_m, yaw_rad=wrap(m.yaw_rad)) if told else None,
+            output=Output.PIPELINE,
+            commanded=self.limiter.velocity,
+        )
+
+    def step(self) -> None:
+        """Fly on by one picture."""
+        self.sequence += 1
+        header, m, state = self._stamp(), self.motion, self._state()
+        pixels = self.renderer.render_i420(
+            m.x_m, m.y_m, m.yaw_rad, roll_rad=m.roll_rad, pitch_rad=m.pitch_rad
+        )
+        frame = Frame(header, self.layout, pixels)
+        features = self.extractor(frame.luminance())
+        (score,) = self.model.scores([header], [features])
+        road = self.runner.command(frame, state)
+        decision = self.navigator.step(Instant(self.now_ns, CLOCK), score, road, state)
+        for event in decision.events:
+            self.judge.event(event)
+            self.trace.events.append(event)
+            if event.kind is EventKind.TURN_FINISHED:
+                self.runner.reset("turn finished")
+        self.trace.errors += decision.refused
+        self.pending.append(decision.velocity or Velocity())
+        wanted = self.pending.pop(0)
+        truth = self.observer.truth(m, header, header, self.now_ns / 1e9 - 1, 1.0)
+        self.judge.truth(truth)
+        self.judge.score(score)
+        command = VelocityCommand(header=header, issued=header, velocity=wanted)
+        self.judge.command(command)
+        self.trace.truth.append(truth)
+        self.trace.scores.append(score)
+        self.trace.roads.append(road)
+        self.trace.phases.append(decision.state.phase.value)
+        brake = wanted == Velocity()
+        setpoint = self.limiter.step(wanted, brake, Instant(self.now_ns, CLOCK))
+        for _ in range(4):
+            self.motion = self.vehicle.step(
+                self.motion, setpoint, self.step_ns / NS_PER_S / 4, brake=brake
+            )
+        self.now_ns += self.step_ns
+
+    def fly(self, patience: float = 2.0, after_s: float = 1.0) -> Summary:
+        """Fly to the end of the mission, or until `patience` times the ideal time is over."""
+        deadline_ns = self.now_ns + round((5 + patience * self.setup.plan.ideal_s) * NS_PER_S)
+        while self.now_ns < deadline_ns:
+            self.step()
+            if self.judge.finished:
+                deadline_ns = min(deadline_ns, self.now_ns + round(after_s * NS_PER_S))
+        return self.judge.summary()
+
+
+def seeds_in(text: str) -> Sequence[int]:
+    """Return the seeds of `3`, `1-20` or `1,5,9`."""
+    if "-" in text:
+        first, last = text.split("-")
+        return range(int(first), int(last) + 1)
+    return [int(part) for part in text.split(",")]
+
+
+def main() -> None:
+    """Fly seeds and print a line each."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", default="1")
+    parser.add_argument("--vehicle", default="copter")
+    parser.add_argument("--set", action="append", default=[])
+    parser.add_argument("--verbose", action="store_true")
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    right = 0
+    for seed in seeds_in(options.seeds):
+        started = time.monotonic()
+        loop = ClosedLoop(prepare(options.vehicle, None, seed, None, options.set))
+        s = loop.fly()
+        right += s.flown_right
+        errors = loop.trace.errors
+        print(
+            f"seed {seed}: {s.verdict}, {s.junctions_counted}/{s.junctions_true} junctions, "
+            f"{s.turns_taken}/{s.turns_planned} turns, {s.off_road_max_m:.2f} m off, "
+            f"rms {s.centre_rms_m:.2f} m, {s.time_s:.0f}/{s.ideal_time_s:.0f} s, "
+            f"{'; '.join(s.reasons)} [{time.monotonic() - started:.0f} s]"
+            + (f" errors: {len(errors)} {errors[0]}" if errors else ""),
+            flush=True,
+        )
+        if options.verbose:
+            for event in loop.trace.events:
+                at = int(
+                    np.argmin([abs(t.at.time_ns - event.header.time_ns) for t in loop.trace.truth])
+                )
+                t = loop.trace.truth[at]
+                print(
+                    "   ",
+                    event.kind.value,
+                    event.count,
+                    f"t={at / 25:.1f}",
+                    f"mouth={t.mouth_m}",
+                    f"j={t.junction_id}",
+                    f"({t.pose.x_m:.1f},{t.pose.y_m:.1f})",
+                )
+    print(f"{right} flown right")
+
+
+if __name__ == "__main__":
+    main()
