@@ -26,6 +26,8 @@ from torch.nn import functional
 from juncnet.camera import CameraGeometry
 from juncnet.frames import Frame, FrameLayout
 from juncnet.messages import PixelFormat, Stamp
+from juncnet.simulation.ground import GroundTexture
+from juncnet.simulation.palettes import jitter, palette_named
 from juncnet.simulation.render import Renderer
 from juncnet.simulation.towns import make_style, random_world
 from juncnet.simulation.world import World
@@ -34,6 +36,8 @@ from juncnet.small_picture import SIZE, shrink
 TRAINING_SEED, TEST_SEED = 1_000_000, 1_900_000
 SHAPES = ((480, 270), (480, 270), (400, 300))
 """Sizes that training pictures are rendered at."""
+PALETTE_JITTER = 1.5
+"""Of the colours in training, see `juncnet.simulation.palettes.jitter`."""
 MASK_SIZE = (SIZE[0] // 2, SIZE[1] // 2)
 Bytes = NDArray[np.uint8]
 
@@ -99,17 +103,20 @@ class Pictures:
     roads: Bytes
 
 
-def draw_pictures(worlds: list[World], each: int, seed: int, full_range: bool = True) -> Pictures:
+def draw_pictures(
+    worlds: list[World], each: int, seed: int, full_range: bool = True, varied: bool = False
+) -> Pictures:
     """Return `each` pictures of every world from random poses on and beside its roads.
 
     `full_range`: heights 0.6..5 m, pitches 2..38 degrees, fields of view 55..95 degrees, headings
-    up to 45 degrees off; else the cameras and poses of a robot that follows the road.
+    up to 45 degrees off; else the cameras and poses of a robot that follows the road. `varied`:
+    colours of the palettes varied at random, world by world.
     """
     pictures: list[Bytes] = []
     roads: list[Bytes] = []
     for number, world in enumerate(worlds):
         rng = np.random.default_rng([seed, world.seed])
-        renderers = _renderers(world, seed + number)
+        renderers = _renderers(world, seed + number, rng if varied else None)
         for _ in range(each):
             renderer = renderers[int(rng.integers(len(renderers)))]
             renderer.camera = _camera(rng, full_range)
@@ -121,10 +128,11 @@ def draw_pictures(worlds: list[World], each: int, seed: int, full_range: bool = 
     return Pictures(np.stack(pictures), np.stack(roads))
 
 
-def _renderers(world: World, seed: int) -> list[Renderer]:
-    camera = CameraGeometry()
-    first = Renderer(world, *SHAPES[0], camera, noise=4.0, seed=seed)
-    other = Renderer(world, *SHAPES[2], camera, noise=1.0, seed=seed, ground=first.ground)
+def _renderers(world: World, seed: int, rng: np.random.Generator | None) -> list[Renderer]:
+    camera, palette = CameraGeometry(), palette_named(world.style.palette)
+    ground = GroundTexture(world, palette=jitter(palette, rng, PALETTE_JITTER) if rng else palette)
+    first = Renderer(world, *SHAPES[0], camera, noise=4.0, seed=seed, ground=ground)
+    other = Renderer(world, *SHAPES[2], camera, noise=1.0, seed=seed, ground=ground)
     return [first, other]
 
 
@@ -203,7 +211,7 @@ def augmented(pictures: Tensor, roads: Tensor, rng: torch.Generator) -> tuple[Te
     shade = functional.interpolate(uniform(0.6, 1.3, 1, 3, 4), size=SIZE[::-1], mode="bicubic")
     shade = torch.where(uniform(0, 1, 1, 1, 1) < 0.5, torch.ones_like(shade), shade)
     luma = luma * shade * uniform(0.4, 1.4, 1, 1, 1) + uniform(-15, 25, 1, 1, 1)
-    chroma = (x[:, 1:] - 128.0) * uniform(0.2, 1.6, 1, 1, 1) + 128.0 + uniform(-9, 9, 2, 1, 1)
+    chroma = (x[:, 1:] - 128.0) * uniform(0.2, 1.6, 1, 1, 1) + 128.0 + uniform(-16, 16, 2, 1, 1)
     x = torch.cat([luma, chroma], dim=1)
     x = x + torch.randn(x.shape, generator=rng) * uniform(0.0, 6.0, 1, 1, 1)
     return x.clamp(0, 255).permute(0, 2, 3, 1), y[:, 0]
@@ -294,15 +302,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--out", type=Path, required=True, help="the ONNX file to write")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--worlds", type=int, default=60)
+    parser.add_argument("--worlds", type=int, default=90)
     parser.add_argument("--pictures", type=int, default=100, help="of each world")
-    parser.add_argument("--epochs", type=int, default=14)
+    parser.add_argument("--epochs", type=int, default=12)
     parser.add_argument("--limit-s", type=float, default=900.0, help="training ends after this")
     options = parser.parse_args()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     worlds = [random_world(TRAINING_SEED + 1000 * options.seed + i) for i in range(options.worlds)]
-    data = draw_pictures(worlds, options.pictures, options.seed)
+    data = draw_pictures(worlds, options.pictures, options.seed, varied=True)
     print(f"{len(data.pictures)} pictures")
     network = train(data, options.epochs, options.seed, options.limit_s)
     print(f"{options.out}: sha256 {export(network, options.out)}")

@@ -20,6 +20,7 @@ from juncnet.camera import TRANSITION, CameraGeometry
 from juncnet.learning.samples import LABELS, Samples
 from juncnet.shrink import shrink
 from juncnet.simulation.ground import GroundTexture
+from juncnet.simulation.palettes import jitter, palette_named
 from juncnet.simulation.render import Renderer
 from juncnet.simulation.roads import RoadNetwork, arm_ends, reverse_arm
 from juncnet.simulation.towns import random_world
@@ -30,6 +31,8 @@ SIZE = 64
 WIDTH, HEIGHT = 256, 144
 GROUND_M_PER_PX = 0.07
 CAMERAS_PER_WORLD = 3
+PALETTE_JITTER = 1.2
+"""Of the colours in training, see `juncnet.simulation.palettes.jitter`."""
 NEAR_JUNCTIONS = 0.6
 """Share of training poses drawn from the road before a junction."""
 
@@ -140,7 +143,10 @@ def world_samples(
     if training:
         world = dataclasses.replace(world, style=_varied(world.style, rng))
     truth = GroundTruth(world)
-    ground = GroundTexture(world, metres_per_px=GROUND_M_PER_PX)
+    palette = palette_named(world.style.palette)
+    if training:
+        palette = jitter(palette, rng, PALETTE_JITTER)
+    ground = GroundTexture(world, metres_per_px=GROUND_M_PER_PX, palette=palette)
     sampler = PoseSampler(world, truth.network, rng)
     parts: list[Samples] = []
     for k in range(1 if camera else CAMERAS_PER_WORLD):
