@@ -12,9 +12,9 @@ from juncnet_services.cli.flights import (
     flown_before,
     main,
     markdown,
-    save,
     seeds_of,
     seeds_of_commit,
+    write_report,
 )
 from juncnet_services.cli.judge import Judge, Plan, Summary
 from juncnet_services.cli.provenance import provenance
@@ -79,7 +79,7 @@ def test_a_report_is_gone_on_with(
 def test_a_report_with_other_options_is_left_alone(tmp_path: Path) -> None:
     out = tmp_path / "flights.json"
     origin = provenance(["juncnet", "flights"])
-    save(Report(vehicle="rover", settings=(), provenance=origin, flights=()), out)
+    write_report(Report(vehicle="rover", settings=(), provenance=origin, flights=()), "", out)
     assert flown_before(out, "rover", ()) == ()
     with pytest.raises(ValueError, match="other options"):
         flown_before(out, "copter", ())

@@ -76,9 +76,10 @@ def in_flight(demo: Demo, seconds: float) -> list[Figure]:
         after = flight_cpu_s(demo.supervisor)
     used = {name: 100 * (after[name] - before.get(name, 0.0)) / took_s for name in after}
     complete = listener.latencies.complete_ms()
-    rate = len(complete) / took_s
+    scored, _, commanded = listener.latencies.pictures
+    count = min(scored, commanded)
     return [
-        Figure.against("in flight: rate", rate, "FPS", RATE_HZ, n=len(complete)),
+        Figure.against("in flight: rate", count / took_s, "FPS", RATE_HZ, n=count),
         _ms("in flight: frame to command", complete, "the simulator's rendering included"),
         *cpu_figures(used),
     ]
@@ -236,16 +237,24 @@ def main(argv: list[str]) -> int:
     """Measure and print; 0 if all targets are reached, 1 if not, 2 if nothing can be measured."""
     options = arguments(argv)
     try:
-        demo = Demo(prepare("copter", None, options.seed, None, options.set))
+        figures = measure(options)
+    except (LayoutError, ModelFileError, OSError, ValueError, RuntimeError) as error:
+        print(f"juncnet bench pipeline: {error}", file=sys.stderr)
+        return 2
+    show(figures, options.json)
+    return 0 if all(figure.reached is not False for figure in figures) else 1
+
+
+def measure(options: argparse.Namespace) -> list[Figure]:
+    """Return all figures, in the order of the text at the top."""
+    demo = Demo(prepare("copter", None, options.seed, None, options.set))
+    try:
         figures, stages_ms = in_process(demo.layout, options.rounds)
         settings = (f"simulator.seed={options.seed}", *options.set, *LOGGED)
         layout = load_layout(demo.layout.path, settings)
         with fed_flight(layout, settings) as pusher:
             figures += fed(pusher, options.seconds, options.push_rate, stages_ms)
         figures += in_flight(demo, options.seconds)
-    except (LayoutError, ModelFileError, OSError, ValueError, RuntimeError) as error:
-        print(f"juncnet bench pipeline: {error}", file=sys.stderr)
-        return 2
-    demo.discard()
-    show(figures, options.json)
-    return 0 if all(figure.reached is not False for figure in figures) else 1
+    finally:
+        demo.discard()
+    return figures

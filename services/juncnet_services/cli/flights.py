@@ -161,13 +161,13 @@ def markdown(report: Report) -> str:
     )
 
 
-def save(report: Report, path: Path) -> None:
-    """Write the report as JSON to `path`, and as Markdown beside it."""
+def write_report(report: BaseModel, text: str, path: Path) -> None:
+    """Write a report as JSON to `path`, whole or not at all, and `text` (Markdown) beside it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_suffix(".draft")
     draft.write_text(json.dumps(report.model_dump(mode="json"), indent=1) + "\n")
     draft.replace(path)
-    path.with_suffix(".md").write_text(markdown(report))
+    path.with_suffix(".md").write_text(text)
 
 
 def flown_before(path: Path, vehicle: str, settings: Sequence[str]) -> tuple[Flown, ...]:
@@ -233,7 +233,7 @@ def main(argv: list[str]) -> int:
             flight = fly(options.vehicle, seed, settings)
             print(line(flight), flush=True)
             report = report.model_copy(update={"flights": (*report.flights, flight)})
-            save(report, out)
+            write_report(report, markdown(report), out)
     except (LayoutError, ValueError) as error:
         print(f"juncnet flights: {error}", file=sys.stderr)
         return 2
@@ -243,6 +243,6 @@ def main(argv: list[str]) -> int:
     except KeyboardInterrupt:
         print("juncnet flights: interrupted; go on with --resume", file=sys.stderr)
         return 1
-    save(report, out)
+    write_report(report, markdown(report), out)
     print(f"\n{markdown(report)}\nwritten to {out}")
     return 0 if report.all_right else 1

@@ -15,6 +15,7 @@ COMMANDS = {
     "emergency": ("operator", "cut the motors (asks twice)"),
     "follower": ("evaluate_follower", "judge a road follower on a marked video"),
     "flights": ("flights", "fly many worlds, judge each and print the table"),
+    "soak": ("soak", "fly until many junctions are passed, killing processes on the way"),
     "bench": ("bench", "measure: radon, hop or pipeline"),
 }
 

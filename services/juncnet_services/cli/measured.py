@@ -89,15 +89,22 @@ class Listener:
         self.latencies = Latencies()
 
 
+def children_of(pid: int) -> list[int]:
+    """Return the processes that the main thread of a process has started, from /proc."""
+    try:
+        return [int(c) for c in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+
+
 def cpu_s(pid: int) -> float:
     """Return the processor time that a process and its living children have used, from /proc."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     except OSError:
         return 0.0
     own = (int(fields[11]) + int(fields[12])) / TICKS_HZ
-    return own + sum(cpu_s(int(child)) for child in children)
+    return own + sum(cpu_s(child) for child in children_of(pid))
 
 
 def flight_cpu_s(supervisor: Supervisor) -> dict[str, float]:
