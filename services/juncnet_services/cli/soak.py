@@ -125,7 +125,7 @@ def markdown(soak: Soak) -> str:
     origin, strikes = soak.provenance, soak.strikes
     exact = sum(f.exact for f in soak.flights)
     heads = ("killed", "times", "held", "kill to hold s", "last command to hold s")
-    heads += ("longest silence s", "hold to command s")
+    heads += ("kill to slowing s", "longest silence s", "rest to motion s")
     rows = [heads, ("---",) * len(heads)]
     for process in VICTIMS:
         of = [s for s in strikes if s.process == process]
@@ -136,6 +136,7 @@ def markdown(soak: Soak) -> str:
                 str(sum(s.hold_s is not None for s in of)),
                 _span([s.hold_s for s in of]),
                 _span([s.since_command_s for s in of]),
+                _span([s.still_s for s in of]),
                 _span([s.silence_s for s in of]),
                 _span([s.commanded_s for s in of]),
             )

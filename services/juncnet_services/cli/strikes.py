@@ -42,13 +42,16 @@ class Strike(BaseModel):
     count: int
     """Junctions counted, at the kill."""
     hold_s: float | None
-    """From the kill to the first hold at the vehicle."""
+    """From the kill to the first hold (brake) at the vehicle."""
+    still_s: float | None
+    """From the kill to where the pipeline began to slow the vehicle down to rest, if it did so
+    before any hold: the navigator stops when it misses score or road."""
     since_command_s: float | None
     """From the issue of the last velocity command before that hold to the hold."""
     silence_s: float
     """Longest time between two setpoints at the vehicle until it was commanded again."""
     commanded_s: float | None
-    """From that hold to the first setpoint of the pipeline after it."""
+    """From when the vehicle was told to rest to when it was told to move again."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,8 @@ def strike(
     """
     after = [t for t in told if kill.ns <= t.ns < until_ns]
     hold = next((t for t in after if t.holds), None)
-    again = next((t for t in after if hold and t.ns > hold.ns and not t.holds), None)
+    rest = next((t for t in after if not is_moving(t)), None)
+    again = next((t for t in after if rest and t.ns > rest.ns and is_moving(t)), None)
     last_command = max((ns for ns in issued_ns if hold and ns <= hold.ns), default=None)
     last_before = max((t.ns for t in told if t.ns < kill.ns), default=kill.ns)
     times = [last_before, *(t.ns for t in after if again is None or t.ns <= again.ns)]
@@ -83,9 +87,20 @@ def strike(
         count=kill.count,
         hold_s=_s(hold and hold.ns - kill.ns),
         since_command_s=_s(hold and last_command and hold.ns - last_command),
+        still_s=_s(None if rest is None or rest.holds else slowing_ns(after, rest) - kill.ns),
         silence_s=max(gaps, default=until_ns - last_before) / NS_PER_S,
-        commanded_s=_s(hold and again and again.ns - hold.ns),
+        commanded_s=_s(rest and again and again.ns - rest.ns),
     )
+
+
+def slowing_ns(told: Sequence[Told], rest: Told) -> int:
+    """Return when the unbroken row of ever slower setpoints began that ends with `rest`."""
+    began = rest
+    for earlier in reversed([t for t in told if t.ns < rest.ns]):
+        if earlier.setpoint.forward_mps <= began.setpoint.forward_mps:
+            break
+        began = earlier
+    return began.ns
 
 
 def _s(ns: int | None) -> float | None:
