@@ -38,7 +38,8 @@ def test_a_hold_is_timed_from_the_kill_and_from_the_last_command() -> None:
 
 def test_a_stop_by_the_pipeline_is_timed_from_where_it_begins() -> None:
     speeds = [(1.1, 2.5), (1.2, 3.0), (1.3, 2.0), (1.4, 1.0), (1.5, 0.2), (1.6, 0.0), (3.5, 0.4)]
-    found = strike(7, KILL, END_NS, [told(s, v) for s, v in speeds], [])
+    setpoints = [*(told(s, v) for s, v in speeds), told(8.0, 0.0, brake=True)]
+    found = strike(7, KILL, END_NS, setpoints, [])
     assert found.hold_s is None
     assert found.since_command_s is None
     assert found.still_s == pytest.approx(0.2)

@@ -42,7 +42,7 @@ class Strike(BaseModel):
     count: int
     """Junctions counted, at the kill."""
     hold_s: float | None
-    """From the kill to the first hold (brake) at the vehicle."""
+    """From the kill to the first hold (brake) at the vehicle, before it moved again."""
     still_s: float | None
     """From the kill to where the pipeline began to slow the vehicle down to rest, if it did so
     before any hold: the navigator stops when it misses score or road."""
@@ -73,9 +73,9 @@ def strike(
     issued, both of the whole flight and ascending, on the monotonic clock of this host.
     """
     after = [t for t in told if kill.ns <= t.ns < until_ns]
-    hold = next((t for t in after if t.holds), None)
     rest = next((t for t in after if not is_moving(t)), None)
     again = next((t for t in after if rest and t.ns > rest.ns and is_moving(t)), None)
+    hold = next((t for t in after if t.holds and (again is None or t.ns < again.ns)), None)
     last_command = max((ns for ns in issued_ns if hold and ns <= hold.ns), default=None)
     last_before = max((t.ns for t in told if t.ns < kill.ns), default=kill.ns)
     times = [last_before, *(t.ns for t in after if again is None or t.ns <= again.ns)]
