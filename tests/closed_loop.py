@@ -19,6 +19,7 @@ from juncnet.clocks import NS_PER_S, Instant
 from juncnet.features import Extractor
 from juncnet.frames import Frame, FrameLayout
 from juncnet.layout import load_layout
+from juncnet.learning.synthetic import target
 from juncnet.messages import (
     Capabilities,
     EventKind,
@@ -37,6 +38,7 @@ from juncnet.messages import (
 )
 from juncnet.simulation.dynamics import Motion
 from juncnet.simulation.render import Renderer
+from juncnet.simulation.truth import GroundTruth
 from juncnet.simulation.world import wrap
 from juncnet_services.cli.demo import Setup, mission_toml, prepare
 from juncnet_services.cli.judge import Judge, Summary
@@ -76,7 +78,15 @@ class Trace:
 class ClosedLoop:
     """A flight of `setup` with a camera of `width` x `height`."""
 
-    def __init__(self, setup: Setup, width: int = 640, height: int = 360, fps: float = 25.0):
+    def __init__(
+        self,
+        setup: Setup,
+        width: int = 640,
+        height: int = 360,
+        fps: float = 25.0,
+        oracle: bool = False,
+    ):
+        """`oracle`: scores come from the truth, to see what the rest does by itself."""
         mission = f"junction_navigation.mission={mission_toml(setup.route.mission)}"
         path = asset_path(setup.layout, "layouts", ".toml")
         size = (f"simulator.width={width}", f"simulator.height={height}")
@@ -92,7 +102,9 @@ class ClosedLoop:
         self.layout = FrameLayout.packed(PixelFormat.I420, width, height)
         self.vehicle = make_vehicle(simulator)
         self.motion: Motion = starting_motion(simulator, self.world, camera)
+        self.oracle, self.camera = oracle, camera
         self.observer = Observer(self.world, camera)
+        self.ground_truth = GroundTruth(self.world)
         self.model = Model(asset_path(inference.model, "models", ".onnx"))
         self.extractor = Extractor(self.model.preprocessing)
         self.trace = Trace([], [], [], [], [], [])
@@ -137,6 +149,18 @@ class ClosedLoop:
             commanded=self.limiter.velocity,
         )
 
+    def _score(self, header: Stamp, frame: Frame) -> JunctionScore:
+        (score,) = self.model.scores([header], [self.extractor(frame.luminance())])
+        return score
+
+    def _oracle(self, header: Stamp) -> JunctionScore:
+        m = self.motion
+        ahead = self.ground_truth.mouth_ahead(m.x_m, m.y_m, wrap(m.yaw_rad))
+        mouth = np.array([np.inf if ahead is None else ahead[0]])
+        p = float(target(mouth, self.camera)[0])
+        names = {"none": 1 - p, "junction": p}
+        return JunctionScore(header=header, model=self.model.identity, probabilities=names)
+
     def step(self) -> None:
         """Fly on by one picture."""
         self.sequence += 1
@@ -145,8 +169,7 @@ class ClosedLoop:
             m.x_m, m.y_m, m.yaw_rad, roll_rad=m.roll_rad, pitch_rad=m.pitch_rad
         )
         frame = Frame(header, self.layout, pixels)
-        features = self.extractor(frame.luminance())
-        (score,) = self.model.scores([header], [features])
+        score = self._oracle(header) if self.oracle else self._score(header, frame)
         road = self.runner.command(frame, state)
         decision = self.navigator.step(Instant(self.now_ns, CLOCK), score, road, state)
         for event in decision.events:
@@ -199,12 +222,14 @@ def main() -> None:
     parser.add_argument("--vehicle", default="copter")
     parser.add_argument("--set", action="append", default=[])
     parser.add_argument("--verbose", action="store_true")
+    parser.add_argument("--oracle", action="store_true", help="scores from the truth")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     right = 0
     for seed in seeds_in(options.seeds):
         started = time.monotonic()
-        loop = ClosedLoop(prepare(options.vehicle, None, seed, None, options.set))
+        setup = prepare(options.vehicle, None, seed, None, options.set)
+        loop = ClosedLoop(setup, oracle=options.oracle)
         s = loop.fly()
         right += s.flown_right
         errors = loop.trace.errors

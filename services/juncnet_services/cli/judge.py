@@ -138,6 +138,11 @@ class Judge:
         self._scores += 1
 
     @property
+    def truths(self) -> tuple[SimulatorTruth, ...]:
+        """The truth from the first motion to the end."""
+        return tuple(self._truths)
+
+    @property
     def finished(self) -> bool:
         """Whether the mission has been reported finished."""
         return self._finished_ns is not None

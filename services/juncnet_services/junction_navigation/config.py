@@ -99,6 +99,9 @@ class NavigatorConfig(BaseModel):
     """Length by which the corners' radius widens a junction: the mouth lies this much before it."""
     hold_before_m: float = Field(default=2.0, ge=0)
     """Distance before the mouth over which the held heading replaces the follower's steering."""
+    blind_before_m: float = Field(default=6.0, ge=0)
+    """Distance before the mouth within which the robot goes on its held heading when the follower
+    is not sure of a road: before a T there is none ahead."""
     exit_margin_m: float = Field(default=1.5, ge=0)
     """Distance behind a junction at which it has been left."""
     blind_m: float = Field(default=8.0, gt=0)

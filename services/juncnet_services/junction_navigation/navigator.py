@@ -197,6 +197,9 @@ class Navigator:
             self.progress.phase = Phase.CROSSING
             self._event(EventKind.ENTERED)
             return self._crossing()
+        blind = not self._inputs.road_visible
+        if blind and self._plan.mouth_ahead_m <= self.config.blind_before_m:
+            return self._hold_heading(self._plan.speed_limit_mps)
         steered = self._follow(self._plan.speed_limit_mps)
         held = self._hold_heading(steered.forward_mps)
         if self._reason or self.config.hold_before_m == 0:
