@@ -109,7 +109,7 @@ class ClosedLoop:
         self.extractor = Extractor(self.model.preprocessing)
         self.trace = Trace([], [], [], [], [], [])
         self.runner = FollowerRunner(
-            load_follower(following.follower, following.options),
+            load_follower(following.follower, following.options, following.camera),
             following.source,
             Watchdog(60.0, following.follower),
             self.trace.errors.append,

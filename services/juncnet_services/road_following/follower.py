@@ -17,6 +17,7 @@ from typing import Any, Protocol, cast, runtime_checkable
 
 from pydantic import BaseModel, ValidationError
 
+from juncnet.camera import CameraGeometry
 from juncnet.frames import Frame
 from juncnet.messages import RoadCommand, RoadSeen, VehicleState, Velocity
 
@@ -53,8 +54,12 @@ class Follower(Protocol):
         ...
 
 
-def load_follower(path: str, options: Mapping[str, Any]) -> Follower:
+def load_follower(
+    path: str, options: Mapping[str, Any], camera: CameraGeometry | None = None
+) -> Follower:
     """Return the follower `package.module:Class`, constructed with `options`.
+
+    One whose `Options` have a `camera` is given the layout's, unless its options name another.
 
     Raises:
         FollowerError: there is no such module or class, it is no follower, it refuses its options
@@ -62,7 +67,7 @@ def load_follower(path: str, options: Mapping[str, Any]) -> Follower:
     """
     factory = _class_at(path)
     try:
-        follower: object = factory(_validated(path, factory, options))
+        follower: object = factory(_validated(path, factory, options, camera))
     except FollowerError:
         raise
     except Exception as error:
@@ -97,7 +102,9 @@ def _class_at(path: str) -> Any:
     return factory
 
 
-def _validated(path: str, factory: Any, options: Mapping[str, Any]) -> Any:
+def _validated(
+    path: str, factory: Any, options: Mapping[str, Any], camera: CameraGeometry | None
+) -> Any:
     model: object = getattr(factory, "Options", None)
     if not (isinstance(model, type) and issubclass(model, BaseModel)):
         return dict(options)
@@ -107,6 +114,8 @@ def _validated(path: str, factory: Any, options: Mapping[str, Any]) -> Any:
             f"follower {path} has no option {', '.join(unknown)}; "
             f"it has {', '.join(sorted(model.model_fields))}"
         )
+    if camera is not None and "camera" in model.model_fields:
+        options = {"camera": camera, **options}
     try:
         return cast(Any, model).model_validate(dict(options))
     except ValidationError as error:

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.bus import Bus
+from juncnet.camera import CameraGeometry
 from juncnet.launch import launch
 from juncnet.messages import EventKind, Name
 from juncnet.topics import CAMERA_FRAME, JUNCTION_EVENT, ROAD_COMMAND, VEHICLE_STATE
@@ -24,6 +25,8 @@ class Config(BaseModel):
     """The follower's class as `package.module:Class`, from this package or any installed one."""
     options: dict[str, Any] = Field(default_factory=dict)
     """The follower's own options; it validates them."""
+    camera: CameraGeometry | None = None
+    """Where the camera is, for a follower that has an option of this name."""
     source: Name = "road_following"
     """Name under which the proposals are published; the navigator obeys one source only."""
     time_limit_s: float = Field(default=0.5, gt=0, le=60)
@@ -32,7 +35,7 @@ class Config(BaseModel):
 
 def run(bus: Bus, config: Config) -> None:
     """Publish a proposal for every newest picture until the bus stops."""
-    follower = load_follower(config.follower, config.options)
+    follower = load_follower(config.follower, config.options, config.camera)
     watchdog = Watchdog(config.time_limit_s, config.follower)
     runner = FollowerRunner(follower, config.source, watchdog, bus.health.error)
     frames = bus.frames_in(CAMERA_FRAME)
