@@ -165,7 +165,13 @@ class FakeBus:
     def wanted(self, topic: Topic[Any]) -> bool:
         return self.subscribers
 
-    def subscribe(self, topic: Topic[Any], capacity: int = 1, robot: str | None = None) -> Any:
+    def subscribe(
+        self,
+        topic: Topic[Any],
+        capacity: int = 1,
+        robot: str | None = None,
+        wakes: bool = True,
+    ) -> Any:
         inbox = FakeInbox(self, capacity)
         self._inboxes[topic.key].append(inbox)
         return inbox

@@ -80,8 +80,13 @@ class Bus(Protocol):
         """Return whether somebody subscribes to `topic` now."""
         ...
 
-    def subscribe(self, topic: Topic[M], capacity: int = 1, robot: str | None = None) -> Inbox[M]:
-        """Subscribe; `capacity` 1 keeps the newest. `robot` may be `*`: capacity is per robot."""
+    def subscribe(
+        self, topic: Topic[M], capacity: int = 1, robot: str | None = None, wakes: bool = True
+    ) -> Inbox[M]:
+        """Subscribe; `capacity` 1 keeps the newest. `robot` may be `*`: capacity is per robot.
+
+        `wakes` False: `wait` does not return for it; it is read when something else came.
+        """
         ...
 
     def serve(self, request: Request[M], handler: Callable[[M], Reply]) -> None:
@@ -101,7 +106,7 @@ class Bus(Protocol):
         ...
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until any inbox has a message; False after `timeout_s` or at shutdown."""
+        """Wait until any inbox that wakes has a message; False after `timeout_s` or at shutdown."""
         ...
 
 
@@ -137,7 +142,8 @@ class ZenohBus(ServiceProcess):
         self._lock = threading.RLock()
         self._publishers: dict[str, Any] = {}
         self._declared: list[Any] = []
-        self._waitables: list[Waitable] = []
+        self._inputs: list[Waitable] = []
+        self._waking: list[Waitable] = []
         self._frames = FramePorts(
             flight,
             frames,
@@ -200,7 +206,9 @@ class ZenohBus(ServiceProcess):
 
     # Subscribing
 
-    def subscribe(self, topic: Topic[M], capacity: int = 1, robot: str | None = None) -> Inbox[M]:
+    def subscribe(
+        self, topic: Topic[M], capacity: int = 1, robot: str | None = None, wakes: bool = True
+    ) -> Inbox[M]:
         inbox = Mailbox[M](self._wake, capacity)
 
         def received(sample: zenoh.Sample) -> None:
@@ -211,7 +219,9 @@ class ZenohBus(ServiceProcess):
                 return
             inbox.put(str(sample.key_expr).split("/")[1], message)
 
-        self._waitables.append(inbox)
+        self._inputs.append(inbox)
+        if wakes:
+            self._waking.append(inbox)
         key = topic.expression(robot or self.robot)
         if topic.qos in _KEEP:
             self._declared.append(
@@ -230,7 +240,7 @@ class ZenohBus(ServiceProcess):
         return inbox
 
     def wait(self, timeout_s: float) -> bool:
-        return self._wake.wait_for(lambda: any(w.ready for w in self._waitables), timeout_s)
+        return self._wake.wait_for(lambda: any(w.ready for w in self._waking), timeout_s)
 
     # Requests
 
@@ -288,7 +298,8 @@ class ZenohBus(ServiceProcess):
 
     def frames_in(self, topic: FrameTopic) -> FrameReader:
         reader = self._frames.reader(topic.expression(self.robot))
-        self._waitables.append(reader)
+        self._inputs.append(reader)
+        self._waking.append(reader)
         return reader
 
     def _send_bytes(self, key: str) -> Callable[[bytes | bytearray], None]:
@@ -321,7 +332,7 @@ class ZenohBus(ServiceProcess):
 
         def report() -> None:
             while not self._wake.wait_for(lambda: False, HEALTH_PERIOD_S) and self.running:
-                drops = sum(w.drops for w in self._waitables)
+                drops = sum(w.drops for w in self._inputs)
                 health = self._health.report(self.stamp(), self.flight, os.getpid(), drops)
                 self.publish(topic, health)
 

@@ -48,6 +48,16 @@ def test_commands_events_and_kept_state_reach_a_late_joiner(flight: Flight, bus:
         assert events.take(0.3) is None  # none twice
 
 
+def test_an_inbox_that_does_not_wake_is_filled_without_ending_a_wait(
+    flight: Flight, bus: ZenohBus
+) -> None:
+    quiet = bus.subscribe(t.COMMAND_VELOCITY, wakes=False)
+    with peers.started("talk", flight, "alpha"):
+        assert peers.eventually(lambda: quiet.newest is not None)
+        assert not bus.wait(0.2)
+        assert quiet.take() is not None
+
+
 def test_commands_flow_again_after_kill_and_restart(flight: Flight, bus: ZenohBus) -> None:
     commands = bus.subscribe(t.COMMAND_VELOCITY)
     epochs: set[int] = set()

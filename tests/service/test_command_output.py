@@ -115,6 +115,12 @@ def test_setpoints_and_state_are_steady_while_holding(tmp_path: Path) -> None:
     assert {what for what, _ in KeptVehicle.last.told} == {"hold"}
 
 
+def test_state_is_no_faster_for_faster_commands(tmp_path: Path) -> None:
+    bus = fly(tmp_path, [go, TICK] * 100)
+    assert len(KeptVehicle.last.told) >= 100
+    assert len(bus.published[VEHICLE_STATE.key]) == pytest.approx(25, abs=2)
+
+
 def test_state_says_what_is_measured_and_what_is_commanded(tmp_path: Path) -> None:
     bus = fly(tmp_path, flown(0.8))
     state = bus.published[VEHICLE_STATE.key][-1]

@@ -53,8 +53,9 @@ def run(bus: Bus, config: Config) -> None:
             header = obey(bus, arbiter, [command for _, command in commands.drain()], now)
             decision = arbiter.step(now)
             if setpoints.tell(decision, now):
-                bus.publish(VEHICLE_STATE, setpoints.state(decision, bus.stamp()))
                 bus.health.output(now.ns, header)
+            if setpoints.state_due(decision, now):
+                bus.publish(VEHICLE_STATE, setpoints.state(decision, bus.stamp()))
                 bus.health.set("send_failures", vehicle.send_failures)
                 bus.health.set("guard_restarts", guard.restarts)
             accepted.keep(arbiter.last_accepted)

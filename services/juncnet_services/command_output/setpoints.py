@@ -1,4 +1,8 @@
-"""What goes to the vehicle and when: on every change and at a steady rate, always within limits."""
+"""What goes to the vehicle and when: on every change and at a steady rate, always within limits.
+
+What is told of it to others goes at the steady rate only, whatever the rate of commands: whoever
+commands hears it, and must not be driven by the answer to the last command.
+"""
 
 from juncnet.clocks import NS_PER_S, Instant
 from juncnet.messages import Output, Stamp, VehicleState, Velocity
@@ -8,7 +12,7 @@ from juncnet_services.command_output.limits import Limiter
 from juncnet_services.command_output.vehicles import Telemetry, Vehicle
 
 PERIOD_S = 0.04
-"""Of setpoints while nothing changes."""
+"""Of setpoints while nothing changes, and of vehicle/state while its output is the same."""
 GUARD_IDLE_S = 0.17
 """While holding: the guard takes over after so long without a setpoint of ours."""
 MAX_TELEMETRY_AGE_S = 0.2
@@ -23,6 +27,8 @@ class Setpoints:
         self._guard = guard
         self._told: Decision | None = None
         self._told_ns = 0
+        self._stated: tuple[Output, str] | None = None
+        self._stated_ns = 0
 
     def tell(self, decision: Decision, now: Instant) -> bool:
         """Send the setpoint if it has changed or is due; return whether it was sent."""
@@ -38,6 +44,14 @@ class Setpoints:
                 self._vehicle.send(velocity, not decision.moving)
         self._guard.beat(_hold_in_s(decision, now))
         self._told, self._told_ns = decision, now.ns
+        return True
+
+    def state_due(self, decision: Decision, now: Instant) -> bool:
+        """Return whether vehicle/state is to be published now: the output changed, or in turn."""
+        what = (decision.output, decision.reason)
+        if what == self._stated and now.ns - self._stated_ns < PERIOD_S * NS_PER_S:
+            return False
+        self._stated, self._stated_ns = what, now.ns
         return True
 
     def state(self, decision: Decision, at: Stamp) -> VehicleState:

@@ -38,7 +38,7 @@ def run(bus: Bus, config: Config) -> None:
     log.info("%s", found.note or found.blocked)
     navigator = Navigator(config, mission, bus.flight, found)
     scores, roads = bus.subscribe(topics.JUNCTION_SCORE), bus.subscribe(topics.ROAD_COMMAND, 4)
-    vehicles = bus.subscribe(topics.VEHICLE_STATE)
+    vehicles = bus.subscribe(topics.VEHICLE_STATE, wakes=False)
 
     def set_mission(request: SetMission) -> Reply:
         with lock:

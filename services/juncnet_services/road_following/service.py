@@ -39,7 +39,7 @@ def run(bus: Bus, config: Config) -> None:
     watchdog = Watchdog(config.time_limit_s, config.follower)
     runner = FollowerRunner(follower, config.source, watchdog, bus.health.error)
     frames = bus.frames_in(CAMERA_FRAME)
-    states = bus.subscribe(VEHICLE_STATE)
+    states = bus.subscribe(VEHICLE_STATE, wakes=False)
     events = bus.subscribe(JUNCTION_EVENT, capacity=16)
     while bus.running:
         with frames.take(0.2) as frame:
