@@ -2,7 +2,7 @@
 
 import socket
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -49,15 +49,19 @@ def add_h264(container: OutputContainer, width: int, height: int) -> VideoStream
     return stream
 
 
-def encode(stream: VideoStream, count: int, width: int, height: int) -> "Iterator[Packet[Any]]":
-    """Yield the packets of pictures 0 .. count - 1."""
-    for index in range(count + 1):
-        frame = None
-        if index < count:
-            frame = VideoFrame.from_ndarray(picture(index, width, height), format="bgr24")
-            frame.pts = index
+def encode(stream: VideoStream, frames: Iterable[VideoFrame]) -> "Iterator[Packet[Any]]":
+    """Yield the packets of all frames, which are numbered in this order."""
+    for index, frame in enumerate(frames):
+        frame.pts = index
         # av's stubs leave the type of packets open.
         yield from stream.encode(frame)  # pyright: ignore[reportUnknownMemberType]
+    yield from stream.encode(None)  # pyright: ignore[reportUnknownMemberType]
+
+
+def bands(count: int, width: int, height: int) -> Iterator[VideoFrame]:
+    """Yield pictures 0 .. count - 1."""
+    for index in range(count):
+        yield VideoFrame.from_ndarray(picture(index, width, height), format="bgr24")
 
 
 def mux(container: OutputContainer, packet: "Packet[Any]") -> None:
@@ -70,7 +74,7 @@ def write_video(path: Path, count: int, width: int = 320, height: int = 240) -> 
     """Write `count` pictures at 25 a second to `path`; its suffix names the container."""
     with av.open(str(path), "w") as container:
         stream = add_h264(container, width, height)
-        for packet in encode(stream, count, width, height):
+        for packet in encode(stream, bands(count, width, height)):
             mux(container, packet)
     return path
 
@@ -94,7 +98,7 @@ def sender(url: str, container_format: str, size: tuple[int, int] = (320, 240)) 
         width, height = size
         with av.open(url, "w", format=container_format) as container:
             stream = add_h264(container, width, height)
-            for packet in encode(stream, 100_000, width, height):
+            for packet in encode(stream, bands(100_000, width, height)):
                 with suppress(FFmpegError):  # Nobody listens yet; a camera does not mind.
                     mux(container, packet)
                 if stop.wait(0.5 / FPS):
