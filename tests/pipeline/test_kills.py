@@ -8,13 +8,15 @@ import pytest
 
 from flights import ATTEMPTS, Flying, StallWatch, limit_s
 from juncnet.clocks import MAX_COMMAND_AGE_S, NS_PER_S
+from juncnet.messages import Mission, Turn
 from juncnet_services.cli.demo import prepare
 from juncnet_services.cli.judge import Summary
 from juncnet_services.cli.soak import PATIENCE
 from juncnet_services.cli.strikes import GUARD, VICTIMS, Strike, Striker
 
 SEED = 24
-PERIOD_S = 8.0
+MISSION = Mission(name="short", turns=(Turn(at=1, turn="right"),), finish_after=3)
+PERIOD_S = 7.0
 HOLDERS = ("junction_navigation", "command_output")
 """After the death of one of these no velocity command can be accepted: there must be a hold."""
 
@@ -22,8 +24,8 @@ HOLDERS = ("junction_navigation", "command_output")
 class Struck:
     """A flight in which `victims` are killed in turn, over and over."""
 
-    def __init__(self, seed: int, victims: Sequence[str]) -> None:
-        setup = prepare("copter", None, seed)
+    def __init__(self, seed: int, mission: Mission | None, victims: Sequence[str]) -> None:
+        setup = prepare("copter", None, seed, mission)
         chance = random.Random(seed)
         with StallWatch() as stalls, Flying(setup) as flying:
             with Striker(flying.flight, victims, PERIOD_S, chance) as striker:
@@ -69,11 +71,11 @@ def _times_ns(kill_ns: int, strike: Strike) -> tuple[int, int] | None:
     return hold_ns - round(strike.since_command_s * NS_PER_S), hold_ns
 
 
-def fly(seed: int, victims: Sequence[str]) -> None:
+def fly(seed: int, mission: Mission | None, victims: Sequence[str]) -> None:
     """Fly, again where the machine was too slow, and check; skip when it was so each time."""
     reason = ""
     for _ in range(ATTEMPTS):
-        struck = Struck(seed, victims)
+        struck = Struck(seed, mission, victims)
         timed = {s.process for s in struck.timed}
         void = struck.summary.verdict == "void" and not struck.exact
         if not void and timed >= set(HOLDERS) & set(victims):
@@ -85,10 +87,10 @@ def fly(seed: int, victims: Sequence[str]) -> None:
 
 
 def test_killed_in_mid_flight(folder: Path) -> None:
-    fly(SEED, ("junction_inference", "command_output", "junction_navigation"))
+    fly(SEED, MISSION, ("junction_inference", "command_output", "junction_navigation"))
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(("seed", "first"), [(3, 0), (7, 4)])
 def test_every_process_killed_in_turn(folder: Path, seed: int, first: int) -> None:
-    fly(seed, (*VICTIMS[first:], *VICTIMS[:first]))
+    fly(seed, None, (*VICTIMS[first:], *VICTIMS[:first]))

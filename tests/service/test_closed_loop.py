@@ -1,28 +1,34 @@
 """Whole flights in simulated time: the shipped model and follower, through the cores of all."""
 
+import cv2
 import pytest
 
 from closed_loop import ClosedLoop
 from juncnet.camera import CameraGeometry
+from juncnet.messages import Mission, Turn
 from juncnet_services.cli.demo import prepare
 from juncnet_services.cli.judge import Summary
 
-SEED = 2
-SIZE = 480, 270
+SEED = 16
+MISSION = Mission(
+    name="short", turns=(Turn(at=1, turn="right"), Turn(at=2, turn="left")), finish_after=3
+)
+SIZE = 320, 180
 
 
-def fly(vehicle: str, seed: int, *settings: str) -> Summary:
+def fly(vehicle: str, seed: int, *settings: str, mission: Mission | None = None) -> Summary:
     """Return the summary of one flight, and fail when anything was refused in it."""
-    loop = ClosedLoop(prepare(vehicle, None, seed, None, settings), *SIZE)
+    cv2.setNumThreads(1)  # as in the services
+    loop = ClosedLoop(prepare(vehicle, None, seed, mission, settings), *SIZE)
     summary = loop.fly()
     assert loop.trace.errors == []
     return summary
 
 
 def test_flown_right() -> None:
-    summary = fly("copter", SEED)
+    summary = fly("copter", SEED, mission=MISSION)
     assert summary.flown_right, summary
-    assert summary.junctions_counted == summary.junctions_true == 5
+    assert summary.junctions_counted == summary.junctions_true == 3
 
 
 def at_height(height_m: float) -> str:
