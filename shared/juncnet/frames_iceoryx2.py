@@ -162,7 +162,9 @@ class IceoryxNode:
         self._ports.append(listener)
 
         def sleep(timeout_s: float) -> None:
-            listener.timed_wait(self._iox2.Duration.from_secs_f64(timeout_s))
+            # A process that was stopped and continued finds its wait interrupted.
+            with contextlib.suppress(self._iox2.ListenerWaitError):
+                listener.timed_wait(self._iox2.Duration.from_secs_f64(timeout_s))
 
         return sleep
 

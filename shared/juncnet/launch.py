@@ -29,8 +29,6 @@ from juncnet.layout import Layout, LayoutError, load_layout
 C = TypeVar("C", bound=BaseModel)
 FLIGHT_VARIABLE = "JUNCNET_FLIGHT"
 """Environment variable with the flight directory, for processes that a supervisor starts."""
-POOL_THREADS = 1
-"""Threads of OpenCV's pool: eight processes with a pool each would fight over two cores."""
 LOG_FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s %(name)s: %(message)s"
 
 
@@ -150,7 +148,3 @@ def _set_up_process(layout: Layout) -> None:
     )
     # Zenoh leaves the results of its commands without a type.
     zenoh.init_log_from_env_or("error")  # pyright: ignore[reportUnknownMemberType]
-    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", str(POOL_THREADS))
-    cv2 = sys.modules.get("cv2")
-    if cv2 is not None:
-        cv2.setNumThreads(POOL_THREADS)

@@ -64,6 +64,18 @@ def test_two_processes_whole_paired_and_of_changing_size(
     assert taken[-1][1] - taken[0][1] >= 59  # so at least two changes of size were seen
 
 
+def test_a_signal_during_a_wait_ends_nothing(bus: ZenohBus) -> None:
+    reader = bus.frames_in(t.CAMERA_FRAME)
+    before = signal.signal(signal.SIGALRM, lambda _number, _frame: None)
+    signal.setitimer(signal.ITIMER_REAL, 0.02, 0.02)
+    try:
+        with reader.take(0.2) as frame:
+            assert frame is None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
 def test_reader_waits_and_sees_the_newest_only(
     flight: Flight, bus: ZenohBus, transport: FrameTransport
 ) -> None:

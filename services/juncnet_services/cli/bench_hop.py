@@ -2,11 +2,14 @@
 
 The transports take turns within one run, so that all see the same machine. A hop begins when the
 sender has a numpy picture and ends when the receiver has read a numpy picture's first and last
-byte: one copy is in all of them.
+byte: one copy is in all of them. "plain zenoh over TCP" is Zenoh's Python API alone: bytes put on
+one side, bytes received on the other, a time stamp before them and no contract.
 """
 
 import argparse
 import multiprocessing as mp
+import queue
+import socket
 import tempfile
 import time
 from collections.abc import Callable
@@ -27,9 +30,11 @@ from juncnet.messages import PixelFormat, Velocity, VelocityCommand
 from juncnet.topics import CAMERA_FRAME, COMMAND_VELOCITY
 from juncnet_services.cli.figures import Figure, median, p99, show
 
-Transport = Literal["iceoryx2", "zenoh", "shared memory + pipe", "pipe"]
+Transport = Literal["iceoryx2", "zenoh", "shared memory + pipe", "pipe", "plain zenoh over TCP"]
 TARGET_RATIO = 1.4
 BASELINE = "shared memory + pipe"
+PLAIN = "plain zenoh over TCP"
+PLAIN_KEY = "bench/frame"
 WARM_UP = 10
 ROUNDS = 3
 """The transports take turns this often."""
@@ -53,7 +58,7 @@ def main(argv: list[str]) -> int:
 
 
 def _frame_figures(layout: FrameLayout, seconds: float, rate_hz: float) -> list[Figure]:
-    transports: list[Transport] = ["shared memory + pipe", "zenoh", "pipe"]
+    transports: list[Transport] = ["shared memory + pipe", "zenoh", "pipe", "plain zenoh over TCP"]
     if available():
         transports.insert(0, "iceoryx2")
     ours = "iceoryx2" if available() else "zenoh"
@@ -64,7 +69,7 @@ def _frame_figures(layout: FrameLayout, seconds: float, rate_hz: float) -> list[
     label = f"1080p {layout.format}"
     figures = [_summary(f"{label}, {name}", hops[name]) for name in transports]
     base = median(hops[BASELINE])
-    for name in ("iceoryx2", "zenoh"):
+    for name in ("iceoryx2", "zenoh", PLAIN):
         if name in hops:
             ratio, title = median(hops[name]) / base, f"{label}, {name} / {BASELINE}"
             if name == ours:
@@ -126,6 +131,8 @@ def _frames(
             else:
                 reporting.send(_receive_over_bus(bus, count))
                 (flight.directory / "done").touch()
+    elif transport == PLAIN:
+        _plain_zenoh(flight, name, count, rate_hz, pipe, reporting, layout)
     elif transport == BASELINE:
         _shared_memory(flight, name, count, rate_hz, pipe, reporting, layout)
     elif name == "sender":
@@ -136,6 +143,43 @@ def _frames(
             pipe.send_bytes(source.data)
     else:
         reporting.send([_pipe_hop(pipe) for _ in range(count)])
+
+
+def _plain_zenoh(
+    flight: Flight,
+    name: str,
+    count: int,
+    rate_hz: float,
+    pipe: Connection,
+    reporting: Connection,
+    layout: FrameLayout,
+) -> None:
+    settings, done = links.member(flight, name), flight.directory / "done"
+    if name == "sender":
+        with socket.create_server(("127.0.0.1", 0)) as probe:
+            endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        settings["listen"]["endpoints"], settings["connect"]["endpoints"] = [endpoint], []
+        source = _picture(layout)
+        with ZenohBus(settings, flight, name, flight.directory) as bus:
+            pipe.send(endpoint)
+            publisher: Any = bus.session.declare_publisher(PLAIN_KEY)
+            for _ in _ticks(rate_hz, 100_000):
+                if done.exists():
+                    return
+                publisher.put(time.monotonic_ns().to_bytes(8, "little") + source.tobytes())
+    settings["listen"]["endpoints"], settings["connect"]["endpoints"] = [], [pipe.recv()]
+    arrived: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    with ZenohBus(settings, flight, name, flight.directory) as bus:
+        _subscriber: Any = bus.session.declare_subscriber(
+            PLAIN_KEY, lambda sample: arrived.put(sample.payload.to_bytes())
+        )
+        reporting.send([_stamped_hop(arrived.get()) for _ in range(count)])
+        done.touch()
+
+
+def _stamped_hop(data: bytes) -> float:
+    _touch(np.frombuffer(data, np.uint8, offset=8))
+    return (time.monotonic_ns() - int.from_bytes(data[:8], "little")) / 1e6
 
 
 def _picture(layout: FrameLayout) -> NDArray[np.uint8]:
