@@ -29,22 +29,42 @@ from juncnet.layout import Layout, LayoutError, load_layout
 C = TypeVar("C", bound=BaseModel)
 FLIGHT_VARIABLE = "JUNCNET_FLIGHT"
 """Environment variable with the flight directory, for processes that a supervisor starts."""
+MISCONFIGURED = 2
+"""Exit code of a process that will not work however often it is started."""
+SUPERVISOR_START_S = 1.5
+"""A little longer than `startsecs` in juncnet_services.cli.supervise."""
 LOG_FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s %(name)s: %(message)s"
 
 
 def launch(run: Callable[[Bus, C], None], config: type[C]) -> None:
     """Run a service until it ends or is told to, then exit: 0 clean, 1 failed, 2 misconfigured."""
-    service = _package(run.__module__)
-    options = _arguments(service)
+    with _end_seen_by_supervisor():
+        service = _package(run.__module__)
+        options = _arguments(service)
+        try:
+            layout = load_layout(asset_path(options.layout, "layouts", ".toml"), options.set)
+            section = layout.section(service, config)
+            flight = _flight(layout, options.flight_dir)
+        except (LayoutError, ValueError, OSError) as error:
+            print(error, file=sys.stderr)
+            sys.exit(MISCONFIGURED)
+        _set_up_process(layout)
+        sys.exit(_run(run, section, layout, flight, service))
+
+
+@contextlib.contextmanager
+def _end_seen_by_supervisor() -> Generator[None]:
+    """Delay the end of a misconfigured process until its supervisor takes it for what it is.
+
+    supervisord starts anew whatever ends within its first second, without a look at the code.
+    """
+    began = time.monotonic()
     try:
-        layout = load_layout(asset_path(options.layout, "layouts", ".toml"), options.set)
-        section = layout.section(service, config)
-        flight = _flight(layout, options.flight_dir)
-    except (LayoutError, ValueError, OSError) as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
-    _set_up_process(layout)
-    sys.exit(_run(run, section, layout, flight, service))
+        yield
+    except SystemExit as end:
+        if end.code == MISCONFIGURED and "SUPERVISOR_ENABLED" in os.environ:
+            time.sleep(max(0.0, began + SUPERVISOR_START_S - time.monotonic()))
+        raise
 
 
 def _run(

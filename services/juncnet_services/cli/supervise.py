@@ -151,6 +151,18 @@ class Supervisor:
             return False
         return True
 
+    def _lives(self) -> bool:
+        """Return whether supervisord's process exists: it answers no more once it shuts down.
+
+        It ends after all its processes have, and leaves none of them behind as a zombie.
+        """
+        try:
+            pid = int((self.directory / "supervisord.pid").read_text())
+            words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+        except (OSError, ValueError):
+            return False
+        return str(self.directory / CONF).encode() in words
+
     def status(self) -> list[ProcessStatus]:
         """Return the state of every process; empty when supervisord does not answer."""
         try:
@@ -182,7 +194,7 @@ class Supervisor:
         with contextlib.suppress(OSError, xmlrpc.client.Error):
             self._call("shutdown")
         deadline = time.monotonic() + 3 * STOP_WAIT_S + 10
-        while self.running and time.monotonic() < deadline:
+        while (self.running or self._lives()) and time.monotonic() < deadline:
             time.sleep(0.05)
         if self._process is not None:
             try:
