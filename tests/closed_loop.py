@@ -22,7 +22,6 @@ from juncnet.layout import load_layout
 from juncnet.learning.synthetic import target
 from juncnet.messages import (
     Capabilities,
-    EventKind,
     JunctionEvent,
     JunctionScore,
     Mission,
@@ -175,8 +174,7 @@ class ClosedLoop:
         for event in decision.events:
             self.judge.event(event)
             self.trace.events.append(event)
-            if event.kind is EventKind.TURN_FINISHED:
-                self.runner.reset("turn finished")
+            self.runner.heard(event)
         self.trace.errors += decision.refused
         self.pending.append(decision.velocity or Velocity())
         wanted = self.pending.pop(0)

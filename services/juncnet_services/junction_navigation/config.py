@@ -13,9 +13,9 @@ class DetectorConfig(BaseModel):
 
     smoothing_s: float = Field(default=0.12, gt=0, le=2.0)
     """Time constant of the exponential smoothing."""
-    enter: float = Field(default=0.6, gt=0, lt=1)
+    enter: float = Field(default=0.5, gt=0, lt=1)
     """Smoothed probability at which the score has risen."""
-    leave: float = Field(default=0.4, gt=0, lt=1)
+    leave: float = Field(default=0.35, gt=0, lt=1)
     """Smoothed probability at which it has fallen."""
     confirm_fraction: float = Field(default=0.2, ge=0, le=0.6)
     """Part of the band that a risen score must last before the junction is counted."""
@@ -42,11 +42,11 @@ class TurnConfig(BaseModel):
     """Highest yaw rate that is asked for."""
     tolerance_rad: float = Field(default=0.035, gt=0, le=0.2)
     """Error at which the nominal angle is reached."""
-    search_rad: float = Field(default=0.785, ge=0, le=1.2)
+    search_rad: float = Field(default=0.96, ge=0, le=1.2)
     """How far around the nominal angle the next road may lie."""
     settle_s: float = Field(default=0.7, ge=0)
     """Wait at the nominal angle for a road before searching."""
-    sweep_radps: float = Field(default=0.4, gt=0, le=2)
+    sweep_radps: float = Field(default=0.5, gt=0, le=2)
     """Speed of the search in place."""
     sweep_step_rad: float = Field(default=0.12, gt=0, le=0.5)
     """A road seen in frames that disagree by more is no evidence yet."""
@@ -89,6 +89,8 @@ class NavigatorConfig(BaseModel):
     """Delay between a commanded and a reached speed."""
     confidence: float = Field(default=0.3, ge=0, le=1)
     """Least confidence with which a follower is obeyed."""
+    sight_confidence: float = Field(default=0.5, ge=0, le=1)
+    """Least confidence with which a follower is believed that the next road is in sight."""
     picture_age_s: float = Field(default=0.2, gt=0, le=5)
     """Oldest picture that may move the robot."""
     vehicle_silence_s: float = Field(default=0.5, gt=0, le=10)
@@ -104,5 +106,6 @@ class NavigatorConfig(BaseModel):
     is not sure of a road: before a T there is none ahead."""
     exit_margin_m: float = Field(default=1.5, ge=0)
     """Distance behind a junction at which it has been left."""
-    blind_m: float = Field(default=8.0, gt=0)
-    """How far behind a junction the robot goes on its held heading without seeing a road."""
+    blind_m: float = Field(default=2.0, gt=0)
+    """How far behind a junction the robot goes on its held heading without seeing a road; then it
+    looks around for one as after a turn."""

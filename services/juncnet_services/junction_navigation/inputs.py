@@ -5,6 +5,8 @@ from juncnet.messages import JunctionScore, Output, RoadCommand, Stamp, VehicleS
 from juncnet.topics import JUNCTION_SCORE, ROAD_COMMAND
 from juncnet_services.junction_navigation.config import NavigatorConfig
 
+CERTAIN = 0.6
+
 
 class Inputs:
     """The newest score, road command and vehicle state that were accepted."""
@@ -77,6 +79,12 @@ class Inputs:
         if road is None or road.velocity is None:
             return False
         return road.confidence >= self._config.confidence
+
+    @property
+    def road_certain(self) -> bool:
+        """Whether the follower is sure enough to be believed on a junction's surface."""
+        road = self.road
+        return self.road_visible and road is not None and road.confidence >= CERTAIN
 
     def _see(self, header: Stamp) -> None:
         newest = self.header

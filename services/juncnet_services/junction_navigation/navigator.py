@@ -33,7 +33,7 @@ from juncnet_services.junction_navigation.speed import (
 from juncnet_services.junction_navigation.store import FRESH, Resumed
 
 STANDING_MPS = 0.35
-AXIS_S = 0.5
+AXIS_S = 0.4
 HOLD_YAW_RADPS = 0.5
 WIDTH_WEIGHT = 0.2
 
@@ -141,7 +141,7 @@ class Navigator:
         yaw = self._odometry.at(header.time_ns if header.clock == now.clock else now.ns)[1]
         if self.progress.turn is not None:
             nominal = self.progress.turn.nominal_rad
-            self._sight.look(road, yaw, nominal, self.config.confidence)
+            self._sight.look(road, yaw, nominal, self.config.sight_confidence)
         elif self._steered and self._inputs.road_visible and previous is not None:
             self._learn_axis(road, yaw, (header.time_ns - previous.header.time_ns) / 1e9)
 
@@ -221,7 +221,10 @@ class Navigator:
             self._leave()
             return self._drive()
         if past_m >= self.config.blind_m:
-            return self._wait("no road behind the junction")
+            self._begin_turn()
+            return self._turning()
+        if self._plan.mouth_ahead_m <= -self._plan.reach_m and self._inputs.road_certain:
+            return self._follow(self.config.approach_mps)
         return self._hold_heading(self.config.cruise_mps)
 
     def _begin_turn(self) -> None:

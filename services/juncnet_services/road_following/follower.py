@@ -41,7 +41,7 @@ class Follower(Protocol):
 
     Its class is constructed with the configured options: with a dict, or, where the class has an
     attribute `Options` (a pydantic model), with an instance of that. It may have a method
-    `reset(reason: str)`, called after a turn: the road ahead is another one now.
+    `reset(reason: str)`, called for every picture of a turn: the road ahead is another one.
     """
 
     def follow(self, frame: Frame, state: VehicleState | None) -> Proposal | RoadCommand | None:

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Any
 
 from juncnet.frames import Frame
-from juncnet.messages import RoadCommand, VehicleState
+from juncnet.messages import EventKind, JunctionEvent, RoadCommand, VehicleState
 from juncnet_services.road_following.follower import Follower, Proposal
 
 EXIT_CODE = 3
@@ -84,6 +84,13 @@ class FollowerRunner:
     ) -> None:
         self._follower, self._source = follower, source
         self._watchdog, self._report = watchdog, report
+        self._turning = False
+
+    def heard(self, event: JunctionEvent) -> None:
+        """Take a junction event: during a turn every picture shows a new road."""
+        if event.kind in (EventKind.TURN_STARTED, EventKind.TURN_FINISHED):
+            self._turning = event.kind is EventKind.TURN_STARTED
+            self.reset(f"{event.kind} at junction {event.count}")
 
     def reset(self, reason: str) -> None:
         """Tell the follower, if it wants to know, that the road ahead is another one."""
@@ -98,6 +105,8 @@ class FollowerRunner:
 
     def command(self, frame: Frame, state: VehicleState | None) -> RoadCommand:
         """Return the command for `frame`; it has no velocity where the follower fails."""
+        if self._turning:
+            self.reset("turning")
         try:
             with self._watchdog:
                 answer: object = self._follower.follow(frame, state)

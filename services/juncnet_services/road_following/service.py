@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from juncnet.bus import Bus
 from juncnet.camera import CameraGeometry
 from juncnet.launch import launch
-from juncnet.messages import EventKind, Name
+from juncnet.messages import Name
 from juncnet.topics import CAMERA_FRAME, JUNCTION_EVENT, ROAD_COMMAND, VEHICLE_STATE
 from juncnet_services.road_following.follower import load_follower
 from juncnet_services.road_following.runner import FollowerRunner, Watchdog
@@ -46,8 +46,7 @@ def run(bus: Bus, config: Config) -> None:
             taken_ns = bus.clock.now_ns()
             states.drain()
             for _, event in events.drain():
-                if event.kind is EventKind.TURN_FINISHED:
-                    runner.reset(f"turn finished at junction {event.count}")
+                runner.heard(event)
             if frame is not None:
                 bus.publish(ROAD_COMMAND, runner.command(frame, states.newest))
                 bus.health.output(taken_ns, frame.header)

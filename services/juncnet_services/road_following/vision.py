@@ -27,6 +27,8 @@ LOST_SUPPORT = 0.12
 """Below this support a picture does not show the road that is followed."""
 LOST_FRAMES = 12
 """After so many of them in a row the road is looked for anew."""
+WRONG_M, WRONG_SHARE = 1.0, 0.6
+"""Where most of the nearest edges lie this far from the line's own, the line is not the road's."""
 
 
 class VisionOptions(BaseModel):
@@ -86,7 +88,8 @@ class VisionFollower:
         self._predict(frame.header, state)
         line, edges = self._fitted(view, above)
         confidence = self._confidence(line, edges)
-        self._poor_frames = self._poor_frames + 1 if line.support < LOST_SUPPORT else 0
+        poor = line.support < LOST_SUPPORT or _elsewhere(line, edges)
+        self._poor_frames = self._poor_frames + 1 if poor else 0
         self._line = line if self._poor_frames < LOST_FRAMES else None
         if confidence < 0.05 and self._options.unseen == "hold":
             self._speed_mps = self._yaw_rate_radps = 0.0
@@ -138,6 +141,16 @@ class VisionFollower:
             return 0.0
         on_road = float(edges.on_road.sum()) / visible
         return min(1.0, on_road * (0.35 + line.support))
+
+
+def _elsewhere(line: CentreLine, edges: RoadEdges) -> bool:
+    """Return whether the road's nearest edges, left or right, lie well outside the line's."""
+    near = slice(0, edges.x_m.size // 3)
+    middle = line.y(edges.x_m[near])
+    half = line.half_width_m * np.hypot(1.0, line.slope(edges.x_m[near]))
+    left = (edges.left_m[near] - middle - half > WRONG_M) & ~edges.left_open[near]
+    right = (middle - half - edges.right_m[near] > WRONG_M) & ~edges.right_open[near]
+    return bool(left.mean() > WRONG_SHARE or right.mean() > WRONG_SHARE)
 
 
 def _seen(line: CentreLine, view: GroundView) -> RoadSeen:
