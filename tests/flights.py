@@ -170,7 +170,7 @@ class StallWatch:
     """
 
     STEP_S = 0.005
-    STALL_S = 0.03
+    STALL_S = 0.02
 
     def __init__(self) -> None:
         self._ended = threading.Event()
