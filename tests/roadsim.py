@@ -145,7 +145,7 @@ class Flight:
             high = True
         if self.random.random() < self.flicker:
             high = not high
-        return (0.92 if high else 0.06) + self.random.uniform(-0.05, 0.05)
+        return (0.97 if high else 0.03) + self.random.uniform(-0.03, 0.03)
 
     def follow(self, header: Stamp) -> RoadCommand:
         best = None

@@ -106,16 +106,26 @@ def test_a_short_rise_is_no_junction_and_a_long_one_is() -> None:
     state.odometer_m = 8.0
     assert detector.next_junction() is None
     assert state.candidate is None
-    detector.risen(10.0, "junction")
+    state.candidate = Junction(rise_m=10.0, probability=0.99)
     state.odometer_m = 10.0 + detector.confirm_m + 0.1
-    assert detector.next_junction() == Junction(rise_m=10.0)
+    assert detector.next_junction() == Junction(rise_m=10.0, probability=0.99)
+
+
+def test_a_long_rise_that_is_never_sure_is_no_junction() -> None:
+    state = progress()
+    detector = JunctionDetector(DetectorConfig(), BAND, state)
+    state.candidate = Junction(rise_m=10.0, probability=0.9)
+    state.odometer_m = 10.0 + 2 * detector.confirm_m
+    assert detector.next_junction() is None
+    state.candidate.probability = 0.95
+    assert detector.next_junction() is not None
 
 
 def test_nothing_is_counted_right_behind_a_junction() -> None:
     state = progress()
     detector = JunctionDetector(DetectorConfig(gap_m=3.0), BAND, state)
     state.left_m = 20.0
-    detector.risen(15.0, "junction")
+    state.candidate = Junction(rise_m=15.0, probability=1.0)
     state.odometer_m = 22.9
     assert detector.next_junction() is None
     state.odometer_m = 23.1

@@ -17,6 +17,9 @@ class DetectorConfig(BaseModel):
     """Smoothed probability at which the score has risen."""
     leave: float = Field(default=0.35, gt=0, lt=1)
     """Smoothed probability at which it has fallen."""
+    certain: float = Field(default=0.93, ge=0, lt=1)
+    """Smoothed probability that a risen score must reach before the junction is counted: what is no
+    junction seldom looks like one all the way, a junction does when it is near."""
     confirm_fraction: float = Field(default=0.2, ge=0, le=0.6)
     """Part of the band that a risen score must last before the junction is counted."""
     dip_m: float = Field(default=2.5, ge=0)

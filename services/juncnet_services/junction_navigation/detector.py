@@ -89,7 +89,8 @@ class JunctionDetector:
         if found is None or state.junction is not None:
             return None
         end_m = state.odometer_m if found.fall_m is None else found.fall_m
-        lasted = end_m - found.rise_m >= self.confirm_m
+        sure = found.probability >= self.config.certain
+        lasted = sure and end_m - found.rise_m >= self.confirm_m
         if found.fall_m is not None and not lasted:
             if state.odometer_m - found.fall_m > self.config.dip_m:
                 state.candidate = None

@@ -223,7 +223,7 @@ class Navigator:
         if past_m >= self.config.blind_m:
             self._begin_turn()
             return self._turning()
-        if self._plan.mouth_ahead_m <= -self._plan.reach_m and self._inputs.road_certain:
+        if self._plan.mouth_ahead_m <= -0.5 * self._plan.reach_m and self._inputs.road_certain:
             return self._follow(self.config.approach_mps)
         return self._hold_heading(self.config.cruise_mps)
 
