@@ -1,4 +1,4 @@
-"""A whole flight in simulated time and one process: the cores of all services around the simulation.
+"""A whole flight in simulated time and one process: the cores of all services, the simulation.
 
 It is faster than real time and deterministic, so tests and tuning use it; what only processes can
 show (latency, kills, late messages) is shown by the flights over Zenoh.

@@ -2,11 +2,11 @@
 
 import tempfile
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class FakeClock:
 class FakeHealth:
     """Keeps what the service says of itself."""
 
-    errors: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list[str])
     counters: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     outputs: int = 0
 
@@ -109,7 +109,7 @@ class FakeReader:
         self.inbox = inbox
 
     @contextmanager
-    def take(self, timeout_s: float) -> Iterator[Frame | None]:
+    def take(self, timeout_s: float) -> Generator[Frame | None, None, None]:
         yield self.inbox.take(timeout_s)
 
 
@@ -206,7 +206,7 @@ class FakeBus:
             target, message = step
             robot = self.robot
             if isinstance(target, tuple):
-                robot, target = target
+                robot, target = cast("tuple[str, Any]", target)
             for inbox in self._inboxes[target.key]:
                 inbox.put(robot, message)
             return True

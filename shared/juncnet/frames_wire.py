@@ -128,7 +128,8 @@ class SerialGate:
     """Counts the frames of one writer that were replaced before anybody took them."""
 
     def __init__(self) -> None:
-        self._writer, self._serial = -1, -1
+        self._writer: int = -1
+        self._serial: int = -1
         self.drops = 0
 
     def is_taken(self, writer: int, serial: int) -> bool:

@@ -196,7 +196,7 @@ class Features(BulkMessage):
             )
         data = np.ascontiguousarray(array, dtype="<f4")
         return cls.of(
-            memoryview(data).cast("B"),
+            data.view(np.uint8).reshape(-1).data,
             header=header,
             preprocessing=preprocessing,
             shape=tuple(array.shape),

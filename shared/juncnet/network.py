@@ -1,12 +1,12 @@
 """The networks in torch: the paper's, and the best found that runs as fast on a CPU.
 
-Both take features (N, C, 64, 64), float32, and give logits (N, classes). The paper says: input 64x64,
-grayscale together with its Radon reconstruction; two convolutional and two dense layers, two
+Both take features (N, C, 64, 64), float32, and give logits (N, classes). The paper says: input
+64x64, grayscale together with its Radon reconstruction; two convolutional and two dense layers, two
 max-poolings, one output layer. What it leaves open is chosen here:
 
 | open in the paper | choice | reason |
 |---|---|---|
-| filters | 32, 64 | the usual doubling after each pooling; more gained nothing on the held-out worlds |
+| filters | 32, 64 | the usual doubling after each pooling |
 | kernels | 5x5, 3x3, same padding | an edge of a road is 3-5 pixels wide at 64x64 |
 | activation | ReLU | named nowhere, standard with Adam and cross-entropy in its year |
 | pooling | 2x2, stride 2 | the only size that "max-pooling" means without a number |

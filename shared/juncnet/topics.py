@@ -5,7 +5,7 @@ Nothing else declares a key; whoever publishes or subscribes names a topic of th
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from juncnet import messages as m
 from juncnet.messages import Message
@@ -107,5 +107,7 @@ def health_topic(service: str) -> Topic[m.Health]:
 
 
 TOPICS: tuple[Topic[Any] | Request[Any] | FrameTopic, ...] = tuple(
-    value for value in list(globals().values()) if isinstance(value, (Topic, Request, FrameTopic))
+    cast(Any, value)
+    for value in list(globals().values())
+    if isinstance(value, (Topic, Request, FrameTopic))
 )

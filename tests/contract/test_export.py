@@ -1,11 +1,14 @@
 """What is trained in torch answers the same in onnxruntime, and learns what can be learnt."""
 
-# ruff: noqa: E402  (torch is optional: without it these tests are skipped, with the reason)
+
+# Torch leaves these of its own members without types.
+# pyright: reportUnknownMemberType=false
 
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 pytest.importorskip("torch", reason="torch is not installed: deploy/test --with-train")
 
@@ -79,11 +82,20 @@ def samples(n: int, seed: int) -> Samples:
 
 def test_training_learns_and_repeats_by_seed() -> None:
     extractor = Extractor(GRAY)
-    outcomes = []
+    outcomes: list[NDArray[np.float32]] = []
     for _ in range(2):
         torch.manual_seed(3)
         network = build("robust", channels=1)
-        fit(network, samples(256, 0), samples(32, 1), extractor, epochs=5, batch=32, rate=8e-3, seed=3)
+        fit(
+            network,
+            samples(256, 0),
+            samples(32, 1),
+            extractor,
+            epochs=5,
+            batch=32,
+            rate=8e-3,
+            seed=3,
+        )
         outcomes.append(predict(network, samples(32, 2), extractor))
     np.testing.assert_array_equal(outcomes[0], outcomes[1])
     assert balanced_accuracy(outcomes[0], samples(32, 2).label) == 1.0

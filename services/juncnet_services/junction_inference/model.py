@@ -5,10 +5,10 @@ import threading
 from pathlib import Path
 
 import numpy as np
-import onnxruntime as ort
 from numpy.typing import NDArray
 
 from juncnet.features import Preprocessing
+from juncnet.inference import Network
 from juncnet.messages import ActiveModel, JunctionScore, ModelIdentity, Stamp
 from juncnet.modelfile import INPUT, OUTPUT, ModelFileError, ModelMetadata
 
@@ -32,17 +32,11 @@ class Model:
             raise ModelFileError(
                 f"cannot read the model {path}: {error.strerror}; name an .onnx file"
             ) from error
-        options = ort.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.inter_op_num_threads = 1
-        options.log_severity_level = 4
         try:
-            self._session = ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime raises a dozen unrelated classes for a bad file
-            raise ModelFileError(f"{path} is not a valid ONNX model: {error}") from error
-        self.metadata = ModelMetadata.from_properties(
-            self._session.get_modelmeta().custom_metadata_map
-        )
+            self._network = Network(data, threads)
+        except ValueError as error:
+            raise ModelFileError(f"{path} is {error}") from error
+        self.metadata = ModelMetadata.from_properties(self._network.properties)
         self.identity = ModelIdentity(
             name=self.metadata.name, sha256=hashlib.sha256(data).hexdigest()
         )
@@ -85,8 +79,7 @@ class Model:
 
     def probabilities(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return probabilities (N, classes) of features (N, C, H, W), float32."""
-        (answer,) = self._session.run([OUTPUT], {INPUT: features})
-        return np.asarray(answer, dtype=np.float32)
+        return self._network.run(features, INPUT, OUTPUT)
 
     def score(self, features: list[NDArray[np.float32]]) -> list[dict[str, float]]:
         """Return a probability per class for each of the features (C, H, W), in batches."""

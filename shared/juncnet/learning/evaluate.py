@@ -9,11 +9,11 @@ import json
 from pathlib import Path
 
 import numpy as np
-import onnxruntime as ort
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from juncnet.features import Extractor
+from juncnet.inference import Network
 from juncnet.learning.samples import LABELS, Samples
 from juncnet.modelfile import INPUT, OUTPUT, ModelMetadata
 
@@ -43,16 +43,13 @@ class Figures(BaseModel):
 
 def probabilities(model: Path, samples: Samples) -> NDArray[np.float32]:
     """Return the probability of *junction* (N,) that the model file gives each sample."""
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = 1
-    session = ort.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
-    metadata = ModelMetadata.from_properties(session.get_modelmeta().custom_metadata_map)
+    network = Network(model.read_bytes())
+    metadata = ModelMetadata.from_properties(network.properties)
     extractor, none = Extractor(metadata.preprocessing), metadata.classes.index("none")
     parts: list[NDArray[np.float32]] = []
     for first in range(0, len(samples), 256):
         features = extractor.batch(samples.gray[first : first + 256])
-        answer = np.asarray(session.run([OUTPUT], {INPUT: features})[0], np.float32)
-        parts.append(1 - answer[:, none])
+        parts.append(1 - network.run(features, INPUT, OUTPUT)[:, none])
     return np.concatenate(parts)
 
 
@@ -103,38 +100,38 @@ def _balanced(right_a: float, all_a: float, right_b: float, all_b: float) -> flo
 
 def card(model: Path, rows: list[Figures], command: str) -> str:
     """Return the model card, Markdown."""
-    session = ort.InferenceSession(str(model), providers=["CPUExecutionProvider"])
-    metadata = ModelMetadata.from_properties(session.get_modelmeta().custom_metadata_map)
+    metadata = ModelMetadata.from_properties(Network(model.read_bytes()).properties)
     p = metadata.preprocessing
     table = "\n".join(
         f"| {r.name} | {r.sites} | {r.n} | {100 * r.balanced_accuracy:.2f} % "
-        f"({100 * r.interval[0]:.2f} to {100 * r.interval[1]:.2f}) | {100 * r.recall_junction:.2f} % "
-        f"| {100 * r.recall_none:.2f} % | {r.n_transition}: "
+        f"({100 * r.interval[0]:.2f} to {100 * r.interval[1]:.2f}) "
+        f"| {100 * r.recall_junction:.2f} % | {100 * r.recall_none:.2f} % | {r.n_transition}: "
         f"{100 * r.transition_called_junction:.0f} % called junction "
         f"| {100 * r.balanced_accuracy_all:.2f} % |"
         for r in rows
     )
+    sha256 = hashlib.sha256(model.read_bytes()).hexdigest()
     return f"""# {metadata.name}
 
 Tells *junction* from *none* in a forward camera's picture.
 
 | | |
 |---|---|
-| file | `{model.name}`, sha256 `{hashlib.sha256(model.read_bytes()).hexdigest()}` |
+| file | `{model.name}`, sha256 `{sha256}` |
 | architecture | `{metadata.architecture}` in `juncnet/network.py` |
 | classes | {", ".join(metadata.classes)} |
-| input | {", ".join(p.channels)}; {p.size}x{p.size}, sharpening {p.sharpening}, {p.angles} angles, \
-filter {p.filter}, circle {p.circle}, standardisation {p.standardisation} |
-| label | mouth between the picture's row {metadata.near_row} and {metadata.far_heights} camera \
-heights ahead (`juncnet/camera.py`) |
+| input | {", ".join(p.channels)}; {p.size}x{p.size}, sharpening {p.sharpening}, \
+{p.angles} angles, filter {p.filter}, circle {p.circle}, standardisation {p.standardisation} |
+| label | mouth between the picture's row {metadata.near_row} and {metadata.far_heights} \
+camera heights ahead (`juncnet/camera.py`) |
 | recipe | {metadata.recipe} |
 | data | pictures of simulated worlds only (`juncnet/learning/synthetic.py`); nobody's photographs |
 
 Frames sampled uniformly along driven paths of worlds that it was not trained on, cameras drawn at
-heights of 1.2 to 5 m, pitches of 9 to 26 degrees, fields of view of 68 to 92 degrees. The transition
-band (around the first and last distance that counts, and on a junction's surface) is no part of
-the balanced accuracy; it stands beside it, and in the last column it is judged as well. Intervals: 95 %,
-sites drawn with replacement.
+heights of 1.2 to 5 m, pitches of 9 to 26 degrees, fields of view of 68 to 92 degrees. The
+transition band (around the first and last distance that counts, and on a junction's surface) is no
+part of the balanced accuracy; it stands beside it, and in the last column it is judged as well.
+Intervals: 95 %, sites drawn with replacement.
 
 | set | sites | frames | balanced accuracy | junctions found | plain road found | transition \
 band | with the band |

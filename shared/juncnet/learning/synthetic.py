@@ -70,7 +70,7 @@ def labelled(
     Where the junction ahead is within the band but too little of it can be seen, there is nothing
     to learn: NaN.
     """
-    names = [truth.label(x, y, yaw, camera) for x, y, yaw in poses[:, :3].tolist()]
+    names = [truth.label(float(p[0]), float(p[1]), float(p[2]), camera) for p in poses]
     labels = np.array([LABELS.index(name) for name in names], np.uint8)
     wanted = target(poses[:, 3], camera)
     wanted[(wanted == 1) & (labels != LABELS.index("junction"))] = np.nan
@@ -96,8 +96,8 @@ class PoseSampler:
         """
         rows = np.empty((n, 4))
         arms = self._rng.choice(len(self._arms), n, p=self._weights)
-        for i, index in enumerate(arms):
-            rows[i] = self._pose(self._arms[index], spread, near_m)
+        for row, index in zip(rows, arms, strict=True):
+            row[:] = self._pose(self._arms[int(index)], spread, near_m)
         return rows
 
     def _pose(self, arm: int, spread: float, near_m: float | None) -> tuple[float, ...]:

@@ -3,6 +3,9 @@
 python -m juncnet.learning.train DATA.npz ... --validation VAL.npz --out models/juncnet.onnx
 """
 
+# Torch leaves these of its own members without types.
+# pyright: reportUnknownMemberType=false
+
 import argparse
 import math
 import time
@@ -22,7 +25,7 @@ from juncnet.network import Architecture, build, parameters
 
 
 def augment(gray: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Return pictures (N, S, S) with random mirror, contrast, brightness, gamma, shade and noise."""
+    """Return pictures (N, S, S) of random mirror, contrast, brightness, gamma, shade, noise."""
     n = len(gray)
     x = gray.astype(np.float32) / 255.0
     mirrored = rng.random(n) < 0.5
