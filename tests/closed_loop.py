@@ -21,7 +21,6 @@ from juncnet.frames import Frame, FrameLayout
 from juncnet.layout import load_layout
 from juncnet.learning.synthetic import target
 from juncnet.messages import (
-    Capabilities,
     JunctionEvent,
     JunctionScore,
     Mission,
@@ -43,6 +42,7 @@ from juncnet_services.cli.demo import Setup, mission_toml, prepare
 from juncnet_services.cli.judge import Judge, Summary
 from juncnet_services.command_output.limits import Limiter
 from juncnet_services.command_output.service import Config as OutputConfig
+from juncnet_services.command_output.vehicles import usual_capabilities
 from juncnet_services.command_output.vehicles.simulated import SimulatedOptions
 from juncnet_services.junction_inference.model import Model
 from juncnet_services.junction_inference.service import Config as InferenceConfig
@@ -116,15 +116,7 @@ class ClosedLoop:
         mission_set = Mission.model_validate(setup.route.mission)
         self.navigator = Navigator(navigation, mission_set, "flight")
         options = SimulatedOptions.model_validate(output.options)
-        copter = options.kind == "copter"
-        self.capabilities = Capabilities(
-            kind=options.kind,
-            lateral=copter,
-            vertical=copter,
-            turns_in_place=copter,
-            minimum_radius_m=0.0 if copter else 2.5,
-            telemetry=options.telemetry,
-        )
+        self.capabilities = usual_capabilities(options.kind, telemetry=options.telemetry)
         self.limiter = Limiter(output.limits, self.capabilities)
         self.judge = Judge(setup.plan, setup.world.name, setup.vehicle)
         self.now_ns, self.sequence = NS_PER_S, 0

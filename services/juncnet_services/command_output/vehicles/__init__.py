@@ -9,7 +9,7 @@ import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, cast
+from typing import Any, ClassVar, Literal, Protocol, cast
 
 from pydantic import BaseModel, ConfigDict
 
@@ -95,6 +95,19 @@ class Vehicle(Protocol):
     def close(self) -> None:
         """Give the link up."""
         ...
+
+
+def usual_capabilities(kind: Literal["copter", "rover"], *, telemetry: bool) -> Capabilities:
+    """Return what a copter can do, or a rover that steers like a car."""
+    copter = kind == "copter"
+    return Capabilities(
+        kind=kind,
+        lateral=copter,
+        vertical=copter,
+        turns_in_place=copter,
+        minimum_radius_m=0.0 if copter else 2.5,
+        telemetry=telemetry,
+    )
 
 
 def driver(name: str) -> type[Vehicle]:

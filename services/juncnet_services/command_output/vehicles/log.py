@@ -9,8 +9,13 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from juncnet.clocks import NS_PER_S
-from juncnet.messages import Capabilities, Velocity
-from juncnet_services.command_output.vehicles import DriverOptions, Hold, Telemetry
+from juncnet.messages import Velocity
+from juncnet_services.command_output.vehicles import (
+    DriverOptions,
+    Hold,
+    Telemetry,
+    usual_capabilities,
+)
 
 LOG = logging.getLogger(__name__)
 KEPT = 1000
@@ -33,14 +38,7 @@ class LogVehicle:
 
     def __init__(self, options: LogOptions, flight_dir: Path) -> None:
         del flight_dir
-        copter = options.kind == "copter"
-        self.capabilities = Capabilities(
-            kind=options.kind,
-            lateral=copter,
-            vertical=copter,
-            turns_in_place=copter,
-            minimum_radius_m=0.0 if copter else 2.5,
-        )
+        self.capabilities = usual_capabilities(options.kind, telemetry=False)
         self.send_failures = 0
         self.sent: deque[tuple[str, Velocity]] = deque(maxlen=KEPT)
         self._every_ns = int(options.every_s * NS_PER_S)

@@ -5,9 +5,14 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 from juncnet.clocks import NS_PER_S
-from juncnet.messages import Capabilities, Pose, Velocity
+from juncnet.messages import Pose, Velocity
 from juncnet.simulation import link
-from juncnet_services.command_output.vehicles import DriverOptions, Hold, Telemetry
+from juncnet_services.command_output.vehicles import (
+    DriverOptions,
+    Hold,
+    Telemetry,
+    usual_capabilities,
+)
 
 LANDING_MPS = -0.5
 
@@ -26,15 +31,7 @@ class SimulatedVehicle:
     Options: ClassVar[type[DriverOptions]] = SimulatedOptions
 
     def __init__(self, options: SimulatedOptions, flight_dir: Path) -> None:
-        copter = options.kind == "copter"
-        self.capabilities = Capabilities(
-            kind=options.kind,
-            lateral=copter,
-            vertical=copter,
-            turns_in_place=copter,
-            minimum_radius_m=0.0 if copter else 2.5,
-            telemetry=options.telemetry,
-        )
+        self.capabilities = usual_capabilities(options.kind, telemetry=options.telemetry)
         self.send_failures = 0
         self._address = str(link.server_address(flight_dir))
         self._newest: Telemetry | None = None
