@@ -1,0 +1,89 @@
+"""Velocities, the road that a follower saw, and an operator's orders."""
+
+from enum import StrEnum
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from juncnet.messages.base import Message, Metres, Name, Probability, Stamp
+
+
+class Velocity(Message):
+    """A velocity of the robot's body."""
+
+    forward_mps: float = Field(default=0.0, ge=-50, le=50)
+    lateral_mps: float = Field(default=0.0, ge=-50, le=50)
+    """Left positive."""
+    vertical_mps: float = Field(default=0.0, ge=-50, le=50)
+    """Up positive."""
+    yaw_rate_radps: float = Field(default=0.0, ge=-20, le=20)
+    """Counter-clockwise positive."""
+
+
+class RoadSeen(Message):
+    """The road ahead as a follower saw it, on the ground in the robot's frame."""
+
+    offset_m: float = Field(ge=-100, le=100)
+    """Of the road's centre line beside the robot: left positive (0.5: the robot is 0.5 m right)."""
+    heading_rad: float = Field(ge=-3.2, le=3.2)
+    """Of the road's centre line near the robot against the robot's own: left positive."""
+    width_m: float = Field(gt=0, le=200)
+    curvature_1pm: float = Field(default=0.0, ge=-2, le=2)
+    """Left positive."""
+    centre: tuple[tuple[Metres, Metres], ...] = Field(default=(), max_length=64)
+    """Points (x forward, y left) of the centre line, near to far."""
+
+
+class RoadCommand(Message):
+    """A follower's proposal for the frame of `header`; `velocity` None: it sees no road."""
+
+    header: Stamp
+    source: Name
+    velocity: Velocity | None
+    confidence: Probability
+    road: RoadSeen | None = None
+
+
+class VelocityCommand(Message):
+    """What the robot shall do now, because of the frame of `header`."""
+
+    header: Stamp
+    issued: Stamp
+    velocity: Velocity
+
+
+class OverrideKind(StrEnum):
+    """What an operator may order. `emergency` cuts the motors; it is never a stop."""
+
+    HOLD = "hold"
+    LAND = "land"
+    MANUAL = "manual"
+    RESUME = "resume"
+    EMERGENCY = "emergency"
+
+
+class Override(Message):
+    """An operator's order: wins over everything that the pipeline wants."""
+
+    issued: Stamp
+    kind: OverrideKind
+    velocity: Velocity | None = None
+    """With `manual` only; a manual velocity lives as long as any other command."""
+    operator: Name = "operator"
+
+    @model_validator(mode="after")
+    def _velocity_with_manual(self) -> Self:
+        if (self.kind is OverrideKind.MANUAL) != (self.velocity is not None):
+            raise ValueError("velocity goes with kind manual, and with no other")
+        return self
+
+
+class Ack(Message):
+    """The vehicle side's confirmation of an override, as a vehicle stamps it."""
+
+    override: Stamp
+    """The `issued` stamp of the override."""
+    kind: OverrideKind
+    accepted: bool
+    reason: str = ""
+    at: Stamp
