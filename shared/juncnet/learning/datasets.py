@@ -197,14 +197,14 @@ def _row(table: Path, line_number: int, line: dict[str, str], info: DatasetInfo)
     if line["class"] not in info.classes:
         known = ", ".join(info.classes)
         raise DatasetError(f"{where}: class {line['class']!r} is none of {known} ({INFO})")
-    found = [s for s in SPLITS if s == line["split"]]
-    if not found:
+    split = {str(s): s for s in SPLITS}.get(line["split"])
+    if split is None:
         raise DatasetError(f"{where}: split {line['split']!r} is none of {', '.join(SPLITS[1:])}")
     try:
         time_s = float(line["time_s"] or "nan")
     except ValueError as error:
         raise DatasetError(f"{where}: time_s {line['time_s']!r} is no number") from error
-    return Row(line["path"], line["class"], line["clip"], line["site"], found[0], time_s)
+    return Row(line["path"], line["class"], line["clip"], line["site"], split, time_s)
 
 
 def _from_rows(folder: Path, info: DatasetInfo, rows: list[Row]) -> Dataset:
