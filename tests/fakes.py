@@ -187,7 +187,7 @@ class FakeBus:
         self.frames[topic.key] = writer.sent
         return writer
 
-    def frames_in(self, topic: FrameTopic) -> Any:
+    def frames_in(self, topic: FrameTopic, wakes: bool = False) -> Any:
         inbox = FakeInbox(self, 1)
         self._inboxes[topic.key].append(inbox)
         return FakeReader(inbox)

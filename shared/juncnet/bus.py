@@ -101,8 +101,11 @@ class Bus(Protocol):
         """Return the sending end of a frame topic."""
         ...
 
-    def frames_in(self, topic: FrameTopic) -> FrameReader:
-        """Return the receiving end of a frame topic."""
+    def frames_in(self, topic: FrameTopic, wakes: bool = False) -> FrameReader:
+        """Return the receiving end of a frame topic; `wakes`: `wait` returns for its frames too.
+
+        A reader that only its own `take` wakes is spared one message a frame.
+        """
         ...
 
     def wait(self, timeout_s: float) -> bool:
@@ -122,6 +125,8 @@ _KEEP = {Qos.EVENT: 256, Qos.KEPT: 1}
 _HEARTBEAT_S = 0.5
 """How soon a missed last event is noticed."""
 HEALTH_PERIOD_S = 1.0
+POLLED = 256
+"""Samples that wait, the newest ones, where nobody is called for each."""
 
 
 class ZenohBus(ServiceProcess):
@@ -149,7 +154,7 @@ class ZenohBus(ServiceProcess):
             frames,
             self._epoch,
             (self._wake, self._health),
-            (self._send_bytes, self._receive_bytes),
+            (self._send_bytes, self._receive_bytes, self._poll_bytes),
         )
         self._session = zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
         self._threads: list[threading.Thread] = []
@@ -296,10 +301,11 @@ class ZenohBus(ServiceProcess):
     def frames_out(self, topic: FrameTopic) -> FrameWriter:
         return self._frames.writer(topic.expression(self.robot))
 
-    def frames_in(self, topic: FrameTopic) -> FrameReader:
-        reader = self._frames.reader(topic.expression(self.robot))
+    def frames_in(self, topic: FrameTopic, wakes: bool = False) -> FrameReader:
+        reader = self._frames.reader(topic.expression(self.robot), wakes)
         self._inputs.append(reader)
-        self._waking.append(reader)
+        if wakes:
+            self._waking.append(reader)
         return reader
 
     def _send_bytes(self, key: str) -> Callable[[bytes | bytearray], None]:
@@ -315,6 +321,16 @@ class ZenohBus(ServiceProcess):
     def _receive_bytes(self, key: str, put: Callable[[bytes], None]) -> None:
         subscriber = self._session.declare_subscriber(key, lambda s: put(s.payload.to_bytes()))
         self._declared.append(subscriber)
+
+    def _poll_bytes(self, key: str) -> Callable[[], bytes | None]:
+        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(POLLED))
+        self._declared.append(subscriber)
+
+        def poll() -> bytes | None:
+            sample = subscriber.try_recv()
+            return None if sample is None else sample.payload.to_bytes()
+
+        return poll
 
     # Life
 

@@ -19,13 +19,16 @@ from juncnet.inbox import Wake
 FrameTransport = Literal["auto", "iceoryx2", "zenoh"]
 Send = Callable[[bytes | bytearray], None]
 Receive = Callable[[bytes], None]
+Poll = Callable[[], bytes | None]
 
 
 class FramePorts:
-    """Makes writers and readers of frames; `declare_send` and `declare_receive` are the bus's.
+    """Makes writers and readers of frames; `declare` holds the bus's ways
+    to send, to be called for what comes, and to look for what came.
 
-    With either transport the prefix of each frame goes out under the topic's own key: it wakes
-    readers and tells observers. Whole frames through Zenoh go out under `PIXELS_KEY` below it.
+    With either transport the prefix of each frame goes out under the topic's own key: it tells
+    observers, and wakes readers that wait for other things too. Whole frames through Zenoh go
+    out under `PIXELS_KEY` below it.
     """
 
     def __init__(
@@ -34,10 +37,12 @@ class FramePorts:
         transport: FrameTransport,
         epoch: int,
         listening: tuple[Wake, HealthCounters],
-        declare: tuple[Callable[[str], Send], Callable[[str, Receive], None]],
+        declare: tuple[
+            Callable[[str], Send], Callable[[str, Receive], None], Callable[[str], Poll]
+        ],
     ) -> None:
         self._flight, self._epoch, self._listening = flight, epoch, listening
-        self._declare_send, self._declare_receive = declare
+        self._declare_send, self._declare_receive, self._declare_poll = declare
         self._shared = transport == "iceoryx2" or (transport == "auto" and available())
         self._node: IceoryxNode | None = None
         self._lock = threading.Lock()
@@ -49,12 +54,14 @@ class FramePorts:
             return IceoryxFrameWriter(self._shared_memory(), key, wake, self._epoch)
         return ZenohFrameWriter(self._declare_send(f"{key}/{PIXELS_KEY}"), wake, self._epoch)
 
-    def reader(self, key: str) -> IceoryxFrameReader | ZenohFrameReader:
-        """Return the receiving end of `key`."""
+    def reader(self, key: str, wakes: bool) -> IceoryxFrameReader | ZenohFrameReader:
+        """Return the receiving end of `key`; `wakes`: each frame wakes this process's `Wake`."""
         if self._shared:
-            shared_reader = IceoryxFrameReader(self._shared_memory(), key, *self._listening)
-            self._declare_receive(key, shared_reader.announce)
-            return shared_reader
+            announced = None if wakes else self._declare_poll(key)
+            shared = IceoryxFrameReader(self._shared_memory(), key, *self._listening, announced)
+            if wakes:
+                self._declare_receive(key, shared.announce)
+            return shared
         reader = ZenohFrameReader(*self._listening)
         self._declare_receive(f"{key}/{PIXELS_KEY}", reader.put)
         self._declare_receive(key, reader.announce)

@@ -7,6 +7,7 @@ alone is what wakes readers and tells observers that there is a new picture.
 import struct
 import zlib
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from pydantic import ValidationError
@@ -75,15 +76,21 @@ class FramePrefix:
             MessageError: it is not one, was damaged, or describes an impossible picture.
         """
         values = _values(data)
-        code: int = values[2]
-        if code >= len(_FORMATS):
-            raise MessageError(f"Frame.format: {code} is unknown")
-        layout = FrameLayout(_FORMATS[code], values[4], values[5], values[6])
-        layout.check()
+        layout = _layout(values[2], values[4], values[5], values[6])
         if values[7] != layout.nbytes:
             raise MessageError(f"Frame.nbytes: {values[7]}, {layout} needs {layout.nbytes}")
         header = _stamp(values[10:14], values[15][: values[14]])
         return cls(header, layout, values[8], values[9])
+
+
+@lru_cache(maxsize=8)
+def _layout(code: int, width: int, height: int, stride: int) -> FrameLayout:
+    """Return the checked layout; a camera's does not change from frame to frame."""
+    if code >= len(_FORMATS):
+        raise MessageError(f"Frame.format: {code} is unknown")
+    layout = FrameLayout(_FORMATS[code], width, height, stride)
+    layout.check()
+    return layout
 
 
 def _values(data: bytes) -> tuple[Any, ...]:

@@ -115,7 +115,7 @@ def reader_drops(reader: FrameReader) -> int:
 
 
 def test_bus_wait_sees_frames(flight: Flight, bus: ZenohBus, transport: FrameTransport) -> None:
-    reader = bus.frames_in(t.CAMERA_FRAME)
+    reader = bus.frames_in(t.CAMERA_FRAME, wakes=True)
     assert not bus.wait(0.01)
     with peers.started("write_frames", flight, "alpha", transport):
         assert bus.wait(10.0)
@@ -203,8 +203,14 @@ def test_damaged_frames_are_counted_and_survived(
             session.put(whole, payload, encoding=ENCODING)
         session.put(whole, good + b"too short", encoding=ENCODING)
         expected = 4 if transport == "iceoryx2" else 9
-        assert peers.eventually(lambda: errors(bus) == expected)
+        assert peers.eventually(lambda: _errors_after_take(bus, reader) == expected)
         assert peers.eventually(lambda: _arrives(sender, reader, writer.send))
+
+
+def _errors_after_take(bus: ZenohBus, reader: FrameReader) -> int:
+    with reader.take(0.01):
+        pass
+    return errors(bus)
 
 
 def errors(bus: ZenohBus) -> int:
