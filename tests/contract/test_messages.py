@@ -27,6 +27,8 @@ EXAMPLES: dict[str, Message] = {
         model=MODEL, classes=("none", "junction"), preprocessing="{}", preprocessing_hash=SHA
     ),
     "model/load": m.LoadModel(path="/models/a.onnx"),
+    "follower/active": m.ActiveFollower(follower="package.module:Class"),
+    "follower/load": m.LoadFollower(follower="a.b:C", options={"speed_mps": 1.5}),
     "road/command": m.RoadCommand(
         header=STAMP,
         source="vision",

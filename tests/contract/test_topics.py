@@ -5,7 +5,7 @@ from juncnet import topics as t
 
 def test_keys_are_unique() -> None:
     keys = [topic.key for topic in t.TOPICS]
-    assert len(keys) == len(set(keys)) == 17
+    assert len(keys) == len(set(keys)) == 19
 
 
 def test_keys_are_below_root_and_robot() -> None:

@@ -3,7 +3,7 @@
 import math
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,13 +14,21 @@ from juncnet.frames import Frame, FrameLayout
 from juncnet.messages import (
     EventKind,
     JunctionEvent,
+    LoadFollower,
     PixelFormat,
+    Reply,
     RoadCommand,
     Stamp,
     VehicleState,
     Velocity,
 )
-from juncnet.topics import CAMERA_FRAME, JUNCTION_EVENT, ROAD_COMMAND
+from juncnet.topics import (
+    CAMERA_FRAME,
+    FOLLOWER_ACTIVE,
+    FOLLOWER_LOAD,
+    JUNCTION_EVENT,
+    ROAD_COMMAND,
+)
 from juncnet_services.road_following.follower import Proposal
 from juncnet_services.road_following.runner import FollowerRunner, Watchdog
 from juncnet_services.road_following.service import Config, run
@@ -162,3 +170,32 @@ def test_hanging_follower_is_ended_and_a_quick_one_is_not() -> None:
 def test_time_limit_must_be_positive(value: float) -> None:
     with pytest.raises(ValueError, match="time_limit_s"):
         Config(time_limit_s=value)
+
+
+def test_follower_is_swapped_between_two_pictures_and_a_bad_one_is_refused() -> None:
+    here = f"{__name__}:Straight"
+    replies: list[Reply] = []
+
+    def ask(follower: str, **options: Any) -> Callable[[FakeBus], None]:
+        request = LoadFollower(follower=follower, options=options)
+        return lambda bus: replies.append(bus.handlers[FOLLOWER_LOAD.key](request))
+
+    bus = FakeBus(
+        [
+            (CAMERA_FRAME, frame(0)),
+            ask(f"{__name__}:Erratic"),
+            (CAMERA_FRAME, frame(5)),
+            ask("no.such.module:Follower"),
+            (CAMERA_FRAME, frame(6)),
+            ask(here),
+            (CAMERA_FRAME, frame(7)),
+        ]
+    )
+    run(bus, Config(follower=here, options={"speed_mps": 2.5}))
+    assert [reply.accepted for reply in replies] == [True, False, True]
+    assert "no.such.module" in replies[1].reason
+    assert "stays" in replies[1].reason
+    speeds = [c.velocity and c.velocity.forward_mps for c in published(bus)]
+    assert speeds == [2.5, 0.0, 1.0, 2.5]
+    active = [message.follower for message in bus.published[FOLLOWER_ACTIVE.key]]
+    assert active == [here, f"{__name__}:Erratic", here]

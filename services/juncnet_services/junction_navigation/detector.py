@@ -3,6 +3,7 @@
 import math
 
 from juncnet.camera import JunctionBand
+from juncnet.messages import Thresholds
 from juncnet_services.junction_navigation.config import DetectorConfig
 from juncnet_services.junction_navigation.progress import Junction, Progress
 
@@ -27,6 +28,8 @@ class JunctionDetector:
         self.rise_lag_s = config.smoothing_s * math.log(1 / (1 - config.enter))
         """How much later than a step of the score the smoothed score rises."""
         self.fall_lag_s = config.smoothing_s * math.log(1 / config.leave)
+        self.thresholds = Thresholds(enter=config.enter, certain=config.certain, leave=config.leave)
+        """What decides, as it is told to whoever watches."""
 
     @property
     def confirm_m(self) -> float:

@@ -375,6 +375,7 @@ class Navigator:
             mission=state.mission,
             next_turn=min(planned, key=lambda turn: turn.at, default=None),
             smoothed=state.smoothed,
+            thresholds=self._detector.thresholds,
             reason=self._reason,
         )
 

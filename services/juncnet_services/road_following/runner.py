@@ -86,6 +86,10 @@ class FollowerRunner:
         self._watchdog, self._report = watchdog, report
         self._turning = False
 
+    def swap(self, follower: Follower) -> None:
+        """Ask `follower` from the next picture on. Safe in any thread."""
+        self._follower = follower
+
     def heard(self, event: JunctionEvent) -> None:
         """Take a junction event: during a turn every picture shows a new road."""
         if event.kind in (EventKind.TURN_STARTED, EventKind.TURN_FINISHED):

@@ -1,6 +1,7 @@
-"""road_following: camera/frame, vehicle/state, junction/event -> road/command.
+"""road_following: camera/frame, vehicle/state, junction/event, follower/load -> road/command.
 
 Asks the configured follower, the user's or the built-in one, for a velocity in each picture.
+Another one takes its place on request, until the process ends; follower/active says which it is.
 """
 
 from typing import Any
@@ -10,9 +11,16 @@ from pydantic import BaseModel, ConfigDict, Field
 from juncnet.bus import Bus
 from juncnet.camera import CameraGeometry
 from juncnet.launch import launch
-from juncnet.messages import Name
-from juncnet.topics import CAMERA_FRAME, JUNCTION_EVENT, ROAD_COMMAND, VEHICLE_STATE
-from juncnet_services.road_following.follower import load_follower
+from juncnet.messages import ActiveFollower, LoadFollower, Name, Reply
+from juncnet.topics import (
+    CAMERA_FRAME,
+    FOLLOWER_ACTIVE,
+    FOLLOWER_LOAD,
+    JUNCTION_EVENT,
+    ROAD_COMMAND,
+    VEHICLE_STATE,
+)
+from juncnet_services.road_following.follower import FollowerError, load_follower
 from juncnet_services.road_following.runner import FollowerRunner, Watchdog
 
 
@@ -38,6 +46,19 @@ def run(bus: Bus, config: Config) -> None:
     follower = load_follower(config.follower, config.options, config.camera)
     watchdog = Watchdog(config.time_limit_s, config.follower)
     runner = FollowerRunner(follower, config.source, watchdog, bus.health.error)
+    bus.publish(FOLLOWER_ACTIVE, ActiveFollower(follower=config.follower))
+
+    def load(request: LoadFollower) -> Reply:
+        own = request.follower == config.follower and not request.options
+        options = config.options if own else request.options
+        try:
+            runner.swap(load_follower(request.follower, options, config.camera))
+        except FollowerError as error:
+            return Reply(accepted=False, reason=f"{error}; the follower before stays")
+        bus.publish(FOLLOWER_ACTIVE, ActiveFollower(follower=request.follower))
+        return Reply(accepted=True)
+
+    bus.serve(FOLLOWER_LOAD, load)
     frames = bus.frames_in(CAMERA_FRAME)
     states = bus.subscribe(VEHICLE_STATE, wakes=False)
     events = bus.subscribe(JUNCTION_EVENT, capacity=16)

@@ -18,10 +18,13 @@ from juncnet.messages.junctions import (
     NavigationState,
     Phase,
     SetMission,
+    Thresholds,
     Turn,
 )
 from juncnet.messages.motion import (
     Ack,
+    ActiveFollower,
+    LoadFollower,
     Override,
     OverrideKind,
     RoadCommand,
@@ -36,6 +39,7 @@ from juncnet.messages.vehicle import Capabilities, GeoPoint, Health, Output, Pos
 
 __all__ = [
     "Ack",
+    "ActiveFollower",
     "ActiveModel",
     "BulkMessage",
     "Capabilities",
@@ -46,6 +50,7 @@ __all__ = [
     "JpegImage",
     "JunctionEvent",
     "JunctionScore",
+    "LoadFollower",
     "LoadModel",
     "Message",
     "MessageError",
@@ -68,6 +73,7 @@ __all__ = [
     "Sha256",
     "SimulatorTruth",
     "Stamp",
+    "Thresholds",
     "Turn",
     "VehicleState",
     "Velocity",

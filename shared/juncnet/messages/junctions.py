@@ -87,6 +87,17 @@ class Phase(StrEnum):
     FINISHED = "finished"
 
 
+class Thresholds(Message):
+    """What the smoothed junction probability is compared with."""
+
+    enter: Probability
+    """Above it a junction may be ahead."""
+    certain: Probability
+    """The junction is counted only if this was reached."""
+    leave: Probability
+    """Below it there is none any more."""
+
+
 class NavigationState(Message):
     """Where the mission stands."""
 
@@ -99,6 +110,7 @@ class NavigationState(Message):
     next_turn: Turn | None
     smoothed: Probability = 0.0
     """Smoothed junction probability: what the thresholds are compared with."""
+    thresholds: Thresholds | None = None
     reason: str = ""
     """Why the robot waits, if it does."""
 

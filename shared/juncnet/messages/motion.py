@@ -1,7 +1,7 @@
 """Velocities, the road that a follower saw, and an operator's orders."""
 
 from enum import StrEnum
-from typing import Self
+from typing import Any, Self
 
 from pydantic import Field, model_validator
 
@@ -42,6 +42,22 @@ class RoadCommand(Message):
     velocity: Velocity | None
     confidence: Probability
     road: RoadSeen | None = None
+
+
+class LoadFollower(Message):
+    """Asks road following to swap its follower, until its process ends."""
+
+    follower: str = Field(min_length=1, max_length=256)
+    """Its class as `package.module:Class`, on the Python path of that process."""
+    options: dict[str, Any] = Field(default_factory=dict)
+    """The follower's own; none for the configured follower: those of its configuration."""
+
+
+class ActiveFollower(Message):
+    """Which follower proposes now."""
+
+    follower: str = Field(max_length=256)
+    """Its class as `package.module:Class`."""
 
 
 class VelocityCommand(Message):
