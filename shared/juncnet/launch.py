@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Generator
 from pathlib import Path
 from types import FrameType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import zenoh
 from pydantic import BaseModel
@@ -24,6 +24,7 @@ from juncnet.assets import asset_path
 from juncnet.bus import Bus, ZenohBus
 from juncnet.flight import Flight, join_flight, new_flight, read_flight
 from juncnet.frame_ports import FrameTransport
+from juncnet.identity import CERTIFICATES_VARIABLE, Identity, read_identity
 from juncnet.layout import Layout, LayoutError, load_layout
 
 C = TypeVar("C", bound=BaseModel)
@@ -45,6 +46,8 @@ def launch(run: Callable[[Bus, C], None], config: type[C]) -> None:
             layout = load_layout(asset_path(options.layout, "layouts", ".toml"), options.set)
             section = layout.section(service, config)
             flight = _flight(layout, options.flight_dir)
+            if layout.links.certificates is not None:
+                read_identity(layout.links.certificates)
         except (LayoutError, ValueError, OSError) as error:
             print(error, file=sys.stderr)
             sys.exit(MISCONFIGURED)
@@ -96,21 +99,32 @@ def _stop_on_signals(bus: ZenohBus) -> None:
 
 
 @contextlib.contextmanager
-def open_gateway(flight: Flight, endpoint: str) -> Generator[None]:
-    """Let outsiders that dial `endpoint` into the flight's mesh while the context lasts."""
-    with zenoh.open(zenoh.Config.from_json5(json.dumps(links.gateway(flight, endpoint)))):
+def open_gateway(
+    flight: Flight, endpoint: str, identity: Identity | None = None
+) -> Generator[None]:
+    """Let outsiders that dial `endpoint` into the flight's mesh while the context lasts.
+
+    With an identity they need a certificate of its CA, and may do what their role may.
+    """
+    settings = links.gateway(flight, endpoint, identity)
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))):
         yield
 
 
 def connect(
-    target: str | Path, robot: str = "robot", frames: FrameTransport = "auto", timeout_s: float = 5
+    target: str | Path,
+    robot: str = "robot",
+    frames: FrameTransport = "auto",
+    timeout_s: float = 5,
+    certificates: Path | None = None,
 ) -> ZenohBus:
     """Return a bus for a tool or a test: `target` is a flight directory or a gateway, `host:port`.
 
-    Through a gateway there are no frames, and `robot` must be given.
+    Through a gateway there are no frames, and `robot` must be given; `certificates` is the folder
+    of a role (default: $JUNCNET_CERTIFICATES, else a plain link).
 
     Raises:
-        ConnectionError: nobody is there.
+        ConnectionError: nobody is there, or the certificates cannot be used.
     """
     service = f"cli-{os.getpid()}"
     if Path(target).is_dir():
@@ -118,8 +132,7 @@ def connect(
         settings = links.visitor(flight)
     else:
         flight = Flight("outside", Path(), robot, ())
-        endpoint = str(target)
-        settings = links.outsider(endpoint if "/" in endpoint else f"tcp/{endpoint}")
+        settings = _outsider(str(target), certificates)
     try:
         bus = ZenohBus(settings, flight, service, Path(), frames)
     except zenoh.ZError as error:
@@ -131,6 +144,15 @@ def connect(
         bus.close()
         raise ConnectionError(f"{target}: no process of this flight is running")
     return bus
+
+
+def _outsider(target: str, certificates: Path | None) -> dict[str, Any]:
+    named = certificates or os.environ.get(CERTIFICATES_VARIABLE)
+    try:
+        identity = read_identity(Path(named)) if named else None
+        return links.outsider(links.endpoint(target, identity), identity)
+    except ValueError as error:
+        raise ConnectionError(str(error)) from error
 
 
 def _package(module: str) -> str:

@@ -4,6 +4,7 @@ extends = "local.toml"    # another layout beside it, whose tables this one chan
 processes = ["frame_capture", ...]
 [launch]            # robot, state_dir, log_level
 [bus]               # frames
+[links]             # certificates: how this host is linked with others
 [shared]            # options for every process that has an option of that name
 [frame_capture]     # one table a process, validated by that service's own Config
 """
@@ -49,6 +50,17 @@ class BusOptions(BaseModel):
     """How pictures travel on this host; auto: iceoryx2 where it is installed."""
 
 
+class LinksOptions(BaseModel):
+    """Section `[links]`: how this host is linked with others; a router has the same options."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    certificates: Path | None = None
+    """Folder of this host's role, made by deploy/certificates; None: no links but plain ones."""
+    allow_anyone_on_the_network_to_fly_this_robot: bool = False
+    """Listen beyond this host without certificates."""
+
+
 class Layout(BaseModel):
     """A layout as read; sections of services are validated by `section` or `validate_all`."""
 
@@ -58,6 +70,7 @@ class Layout(BaseModel):
     processes: tuple[str, ...] = Field(min_length=1)
     launch: LaunchOptions
     bus: BusOptions
+    links: LinksOptions
     shared: dict[str, Any]
     """Options for every process that has an option of that name and does not set it itself."""
     sections: dict[str, dict[str, Any]]
@@ -74,7 +87,8 @@ class Layout(BaseModel):
         Raises:
             LayoutError: they do not fit `config`.
         """
-        shared = {k: v for k, v in self.shared.items() if k in config.model_fields}
+        offered = self.links.model_dump(exclude_unset=True) | self.shared
+        shared = {k: v for k, v in offered.items() if k in config.model_fields}
         own = self.sections.get(service, {})
         return _validated(self.path, service, config, _merged(shared, own))
 
@@ -115,7 +129,7 @@ def load_layout(path: Path, settings: Sequence[str] = ()) -> Layout:
     for setting in settings:
         _apply(tables, setting)
     processes = tables.pop("processes", [])
-    known = ["launch", "bus", "shared", *processes]
+    known = ["launch", "bus", "links", "shared", *processes]
     for name, table in tables.items():
         if name not in known:
             raise LayoutError(f"{path}: [{name}] is no process of this layout{_hint(name, known)}")
@@ -123,8 +137,9 @@ def load_layout(path: Path, settings: Sequence[str] = ()) -> Layout:
             raise LayoutError(f"{path}: {name} = ... must be a section [{name}]")
     launch = _validated(path, "launch", LaunchOptions, tables.pop("launch", {}))
     bus = _validated(path, "bus", BusOptions, tables.pop("bus", {}))
+    links = _validated(path, "links", LinksOptions, tables.pop("links", {}))
     shared = tables.pop("shared", {})
-    fields = {"path": path, "processes": processes, "launch": launch, "bus": bus}
+    fields = {"path": path, "processes": processes, "launch": launch, "bus": bus, "links": links}
     return _validated(path, "", Layout, fields | {"shared": shared, "sections": tables})
 
 

@@ -90,7 +90,9 @@ def test_a_process_ends_cleanly_on_sigterm(path: Path) -> None:
 def test_a_failed_process_ends_with_1_and_a_misconfigured_one_with_2(path: Path) -> None:
     with peers.a_flight("rover-1") as flight:
         directory = ("--flight-dir", str(flight.directory))
-        process = _router(path, *directory, "--set", "router.host=256.0.0.1")
+        open_door = "links.allow_anyone_on_the_network_to_fly_this_robot=true"
+        elsewhere = ("--set", "router.host=256.0.0.1", "--set", open_door)
+        process = _router(path, *directory, *elsewhere)
         _, log = process.communicate(timeout=10)
         assert process.returncode == 1
         assert "ERROR   router: failed" in log
