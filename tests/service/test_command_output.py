@@ -37,16 +37,22 @@ class KeptVehicle:
     Options = KeptOptions
     told: list[tuple[str, Velocity]]
     last: "KeptVehicle"
+    next_trouble = ""
 
     def __init__(self, options: KeptOptions, flight_dir: Path) -> None:
         self.capabilities = Capabilities(kind="copter", turns_in_place=True)
         self.send_failures = 0
+        self.trouble = KeptVehicle.next_trouble
         self.told = []
         self.closed = False
         KeptVehicle.last = self
 
-    def send(self, velocity: Velocity, brake: bool) -> None:
+    def send(self, velocity: Velocity, brake: bool, lasts_s: float) -> None:
+        assert 0 < lasts_s <= 0.2
         self.told.append(("hold" if brake else "move", velocity))
+
+    def take_off(self) -> None:
+        self.told.append(("take_off", Velocity()))
 
     def land(self) -> None:
         self.told.append(("land", Velocity()))
@@ -156,6 +162,28 @@ def test_land_and_emergency_are_the_drivers_own_calls(tmp_path: Path) -> None:
     assert "land" in {what for what, _ in KeptVehicle.last.told}
     fly(tmp_path, [TICK, say(OverrideKind.EMERGENCY), TICK, TICK])
     assert "emergency" in {what for what, _ in KeptVehicle.last.told}
+
+
+def test_a_take_off_is_told_once_and_leaves_the_vehicle_stopped(tmp_path: Path) -> None:
+    bus = fly(tmp_path, [TICK, say(OverrideKind.TAKE_OFF), TICK, *[TICK] * 600, *flown(0.4)])
+    assert outputs(bus) == [Output.HOLD, Output.TAKING_OFF, Output.STOPPED]
+    assert [what for what, _ in KeptVehicle.last.told].count("take_off") == 1
+    assert bus.published[COMMAND_ACK.key][0].accepted
+    bus = fly(tmp_path, [TICK] * 10)
+    assert outputs(bus) == [Output.STOPPED]
+    assert "take_off" not in {what for what, _ in KeptVehicle.last.told}
+
+
+def test_a_vehicle_in_trouble_refuses_to_take_off_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(KeptVehicle, "next_trouble", "set COM_OBL_RC_ACT to 5")
+    bus = fly(tmp_path, [TICK, say(OverrideKind.TAKE_OFF), TICK, TICK])
+    ack = bus.published[COMMAND_ACK.key][0]
+    assert not ack.accepted
+    assert "set COM_OBL_RC_ACT to 5" in ack.reason
+    assert "take_off" not in {what for what, _ in KeptVehicle.last.told}
+    assert "COM_OBL_RC_ACT" in bus.published[VEHICLE_STATE.key][-1].output_reason
 
 
 def test_refused_commands_are_counted_by_reason(tmp_path: Path) -> None:

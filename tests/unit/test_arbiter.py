@@ -250,3 +250,36 @@ def test_a_latch_found_on_disk_stops_until_resumed(kind: LatchKind, now_s: float
     arbiter.override(order(OverrideKind.RESUME, now_s), at(now_s))
     arbiter.command(command(now_s), at(now_s))
     assert arbiter.step(at(now_s)).moving
+
+
+def test_a_take_off_needs_rest_and_ends_stopped_in_the_air() -> None:
+    arbiter = Arbiter(Rules())
+    arbiter.command(command(0.0), at(0))
+    refused = arbiter.override(order(OverrideKind.TAKE_OFF, 0), at(0))
+    assert not refused.accepted
+    assert "stop it first" in refused.reason
+    assert arbiter.override(order(OverrideKind.TAKE_OFF, 1), at(1)).accepted
+    arbiter.command(command(1.1), at(1.1))
+    assert arbiter.step(at(1.1)).output is Output.TAKING_OFF
+    assert arbiter.step(at(6.1)).output is Output.STOPPED
+    arbiter.override(order(OverrideKind.RESUME, 6.2), at(6.2))
+    arbiter.command(command(6.3), at(6.3))
+    assert arbiter.step(at(6.3)).output is Output.PIPELINE
+
+
+@pytest.mark.parametrize("kind", [OverrideKind.HOLD, OverrideKind.LAND, OverrideKind.EMERGENCY])
+def test_every_stop_ends_a_take_off(kind: OverrideKind) -> None:
+    arbiter = Arbiter(Rules())
+    arbiter.override(order(OverrideKind.TAKE_OFF, 0), at(0))
+    arbiter.override(order(kind, 0.1), at(0.1))
+    assert arbiter.step(at(0.1)).output is not Output.TAKING_OFF
+
+
+def test_there_is_no_take_off_in_trouble_after_a_cut_or_after_a_restart() -> None:
+    arbiter = Arbiter(Rules())
+    assert not arbiter.override(order(OverrideKind.TAKE_OFF, 0), at(0), "no GPS").accepted
+    arbiter.override(order(OverrideKind.EMERGENCY, 1), at(1))
+    assert not arbiter.override(order(OverrideKind.TAKE_OFF, 1), at(1)).accepted
+    arbiter.override(order(OverrideKind.RESUME, 2), at(2))
+    assert arbiter.override(order(OverrideKind.TAKE_OFF, 2), at(2)).accepted
+    assert Arbiter(Rules(), latched=arbiter.latched).step(at(2)).output is Output.STOPPED

@@ -1,4 +1,4 @@
-"""Who is obeyed: pure. Emergency > stop > landing > manual > pipeline > hold.
+"""Who is obeyed: pure. Emergency > stop, landing, taking off > manual > pipeline > hold.
 
 An accepted velocity lives until the earliest of: `command_life_s` after its acceptance,
 `MAX_COMMAND_AGE_S` after it was issued, `picture_age_s` after its picture was captured. Then the
@@ -29,6 +29,8 @@ GUARD_MARGIN_S = 0.02
 MAX_ORDER_AGE_S = 2.0
 """Orders other than hold that are known to be older than this are refused."""
 MAX_OPERATORS = 64
+TAKE_OFF_S = 5.0
+"""How long an accepted take-off is the output; stopped afterwards, in the air."""
 
 
 class Rules(BaseModel):
@@ -116,6 +118,7 @@ class Arbiter:
         self._gate = ReplayGate()
         self._operators: dict[str, ReplayGate] = {}
         self._cut = False
+        self._taking_off: Instant | None = None
 
     def command(self, command: VelocityCommand, now: Instant) -> str | None:
         """Take a velocity of the pipeline; return why it is refused, None when it is accepted."""
@@ -133,13 +136,16 @@ class Arbiter:
         self._pipeline = self._accept(command.velocity, now, left_s)
         return None
 
-    def override(self, order: Override, now: Instant) -> Verdict:
+    def override(self, order: Override, now: Instant, trouble: str = "") -> Verdict:
         """Take an operator's order; return whether it is obeyed.
 
+        `trouble`: why the vehicle will not fly, if so: it refuses a take-off, and nothing else.
+
         A hold is obeyed whatever its age, clock or sequence: to stop once too often is safe. All
-        others are refused when repeated. Resume and manual need a known, fresh age; land and
-        emergency are refused only when known to be old. A manual velocity is refused while
-        the robot is stopped: stop wins, so the operator resumes first.
+        others are refused when repeated. Resume, manual and take-off need a known, fresh age; land
+        and emergency are refused only when known to be old. A manual velocity is refused while
+        the robot is stopped: stop wins, so the operator resumes first. A take-off is refused while
+        anything moves the robot, and leaves it stopped: in the air, until an operator resumes.
         """
         match order.kind:
             case OverrideKind.HOLD:
@@ -152,6 +158,8 @@ class Arbiter:
                 return self._resume(order, now)
             case OverrideKind.MANUAL:
                 return self._fly_manually(order, now)
+            case OverrideKind.TAKE_OFF:
+                return self._take_off(order, now, trouble)
 
     def step(self, now: Instant) -> Decision:
         """Return what the vehicle shall do at `now`; latches a loss that has lasted too long."""
@@ -162,6 +170,8 @@ class Arbiter:
             self._latch(LatchKind.LOSS, reason)
         if self._cut:
             return Decision(Output.EMERGENCY, "motors cut by an operator")
+        if self._taking_off is not None and now.ns < self._taking_off.ns:
+            return Decision(Output.TAKING_OFF, "taking off")
         if self.latched is not None:
             landing = self.latched.kind is LatchKind.LAND
             return Decision(Output.LANDING if landing else Output.STOPPED, self.latched.reason)
@@ -190,11 +200,25 @@ class Arbiter:
         if refusal is not None:
             return refusal
         was = "was not stopped" if self.latched is None else f"was: {self.latched.reason}"
-        self.latched, self._cut = None, False
+        self.latched, self._cut, self._taking_off = None, False, None
         self._manual = self._pipeline = None
         if self.last_accepted is not None:
             self.last_accepted = now
         return Verdict(True, f"obeying commands again ({was})")
+
+    def _take_off(self, order: Override, now: Instant, trouble: str) -> Verdict:
+        refusal = self._refusal(order, now, MAX_ORDER_AGE_S)
+        if refusal is not None:
+            return refusal
+        if trouble:
+            return Verdict(False, f"no take-off: {trouble}")
+        if self._cut:
+            return Verdict(False, "no take-off: the motors are cut, resume first")
+        if self.step(now).moving:
+            return Verdict(False, "no take-off: the robot is being moved, stop it first")
+        self._latch(LatchKind.HOLD, f"took off for {order.operator}, resume to go on")
+        self._taking_off = Instant(now.ns + int(TAKE_OFF_S * NS_PER_S), now.clock)
+        return Verdict(True, "taking off; stopped until resumed")
 
     def _fly_manually(self, order: Override, now: Instant) -> Verdict:
         refusal = self._refusal(order, now, MAX_COMMAND_AGE_S)
@@ -243,7 +267,7 @@ class Arbiter:
 
     def _latch(self, kind: LatchKind, reason: str) -> None:
         self.latched = Latched(kind=kind, reason=reason)
-        self._manual = self._pipeline = None
+        self._manual = self._pipeline = self._taking_off = None
 
 
 def _stale(what: str, age: float | None, limit_s: float) -> str | None:

@@ -1,8 +1,8 @@
 """Holds the vehicle when command_output cannot: a small process, standard library only.
 
-It has the vehicle's link and ready hold packets. Its standard input is a pipe of lines from
-command_output (`guard_link`): first an order (JSON), then deadlines, monotonic nanoseconds of this
-host. When a deadline passes without a newer one (command_output hangs or is stopped), or the pipe
+It has the vehicle's link and ready hold packets. Its standard input is a pipe of JSON lines from
+command_output (`guard_link`): first an order, then deadlines (`hold_at_ns`, monotonic nanoseconds
+of this host), with new packets where those have changed. When a deadline passes without a newer one (command_output hangs or is stopped), or the pipe
 closes without `bye` (it died), the guard sends a hold packet every `period_s`, until
 - a newer deadline comes,
 - a successor has written its own token into the `owner` file, or
@@ -11,12 +11,12 @@ After `bye` it ends at once. Run with `python -I -S guard.py` it uses some 10 MB
 """
 
 import base64
-import itertools
 import json
 import os
 import select
 import signal
 import socket
+import stat
 import time
 from pathlib import Path
 from typing import Any
@@ -32,17 +32,33 @@ class Order:
 
     def __init__(self, line: bytes) -> None:
         fields: dict[str, Any] = json.loads(line)
-        ready = [base64.b64decode(str(text)) for text in fields["packets"]]
-        self.packets = itertools.cycle(ready)
-        """In turn: protocols that number their packets give one for each number."""
-        self.address: str | tuple[str, int] | None = fields["address"]
-        if isinstance(fields["address"], list):
-            self.address = (fields["address"][0], fields["address"][1])
-        self.link = socket.socket(fileno=int(fields["link"]))
+        self.packets: list[bytes] = []
+        self.address: str | tuple[str, int] | None = None
+        self.step_ns = 0
+        self.sent = 0
+        self.take(fields)
+        self.port = int(fields["link"])
+        is_socket = stat.S_ISSOCK(os.fstat(self.port).st_mode)
+        self.link = socket.socket(fileno=self.port) if is_socket else None
         self.owner = Path(fields["owner"])
         self.token: str = fields["token"]
         self.period_s: float = fields["period_s"]
         self.linger_s: float = fields["linger_s"]
+
+    def take(self, fields: dict[str, Any]) -> None:
+        """Send the packets in `fields`, if there are any, to the address there from now on."""
+        if "packets" not in fields:
+            return
+        self.packets = [base64.b64decode(str(text)) for text in fields["packets"]]
+        address: Any = fields["address"]
+        self.address = (address[0], address[1]) if isinstance(address, list) else address
+        self.step_ns = int(fields["step_ns"])
+
+    def next(self) -> bytes:
+        """Return the next hold packet: in turn, or the one that its number makes it the turn of."""
+        number = time.monotonic_ns() // self.step_ns if self.step_ns else self.sent
+        self.sent += 1
+        return self.packets[number % len(self.packets)]
 
     def succeeded(self) -> bool:
         """Return whether another command_output has taken the vehicle over."""
@@ -53,9 +69,11 @@ class Order:
 
     def hold(self) -> None:
         """Send the next hold packet; a vehicle that is not there is no reason to give up."""
-        packet = next(self.packets)
+        packet = self.next()
         try:
-            if self.address is None:
+            if self.link is None:
+                os.write(self.port, packet)
+            elif self.address is None:
                 self.link.send(packet)
             else:
                 self.link.sendto(packet, self.address)
@@ -98,8 +116,10 @@ def watch(order: Order, lines: Lines, came: list[bytes]) -> None:
     while lines.open:
         if BYE in came:
             return
-        if came:
-            deadline_ns = int(came[-1])
+        for line in came:
+            fields: dict[str, Any] = json.loads(line)
+            order.take(fields)
+            deadline_ns = int(fields["hold_at_ns"])
         late_ns = time.monotonic_ns() - deadline_ns
         if late_ns >= 0:
             order.hold()

@@ -33,6 +33,7 @@ class GuardLink:
     def __init__(self, hold: Hold | None, directory: Path) -> None:
         self.restarts = 0
         self._hold = hold
+        self._told = hold
         self._owner = directory / OWNER
         self._token = f"{os.getpid()} {time.time_ns()}"
         self._started_ns = 0
@@ -66,22 +67,28 @@ class GuardLink:
         """Process id of the guard; None where there is none."""
         return None if self._process is None else self._process.pid
 
-    def beat(self, hold_in_s: float) -> None:
-        """Have the guard hold in `hold_in_s`, unless it hears from us before; never blocks."""
+    def beat(self, hold_in_s: float, hold: Hold | None = None) -> None:
+        """Have the guard hold in `hold_in_s`, unless it hears from us before; never blocks.
+
+        `hold`: what it shall send from now on, where that has changed; on the same link.
+        """
         if self._hold is None:
             return
+        self._hold = hold or self._hold
         now_ns = time.monotonic_ns()
         if self._process is None or self._process.poll() is not None:
             if now_ns - self._started_ns < RESTART_S * NS_PER_S:
                 return
             self.restarts += 1
             self._start(self._hold)
-        self._write(str(now_ns + int(hold_in_s * NS_PER_S)).encode())
+        line: dict[str, object] = {"hold_at_ns": now_ns + int(hold_in_s * NS_PER_S)}
+        if self._hold != self._told:
+            line |= _packets(self._hold)
+        if self._write(json.dumps(line).encode()):
+            self._told = self._hold
 
     def _start(self, hold: Hold) -> None:
-        order = {
-            "packets": [base64.b64encode(packet).decode() for packet in hold.packets],
-            "address": hold.address,
+        order = _packets(hold) | {
             "link": hold.link,
             "owner": str(self._owner.absolute()),
             "token": self._token,
@@ -94,6 +101,7 @@ class GuardLink:
         reading, self._pipe = os.pipe()
         os.set_blocking(self._pipe, False)
         self._write(json.dumps(order).encode())
+        self._told = hold
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, guard.IGNORED)
         try:
             self._process = subprocess.Popen(
@@ -108,16 +116,25 @@ class GuardLink:
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
             os.close(reading)
 
-    def _write(self, line: bytes) -> None:
+    def _write(self, line: bytes) -> bool:
         """Write a line; when the pipe is full or broken the guard acts on its last deadline."""
         if self._pipe is None:
-            return
+            return False
         try:
             os.write(self._pipe, line + b"\n")
         except (BlockingIOError, BrokenPipeError):
-            return
+            return False
+        return True
 
     def _close_pipe(self) -> None:
         if self._pipe is not None:
             os.close(self._pipe)
             self._pipe = None
+
+
+def _packets(hold: Hold) -> dict[str, object]:
+    return {
+        "packets": [base64.b64encode(packet).decode() for packet in hold.packets],
+        "address": hold.address,
+        "step_ns": hold.step_ns,
+    }

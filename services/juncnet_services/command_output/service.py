@@ -49,7 +49,8 @@ def run(bus: Bus, config: Config) -> None:
         while bus.running:
             bus.wait(TICK_S)
             now = Instant(bus.clock.now_ns(), bus.clock.id)
-            verdicts = [(order, arbiter.override(order, now)) for _, order in orders.drain()]
+            trouble = vehicle.trouble
+            verdicts = [(o, arbiter.override(o, now, trouble)) for _, o in orders.drain()]
             header = obey(bus, arbiter, [command for _, command in commands.drain()], now)
             decision = arbiter.step(now)
             if setpoints.tell(decision, now):

@@ -35,16 +35,23 @@ class Setpoints:
         if decision == self._told and now.ns - self._told_ns < PERIOD_S * NS_PER_S:
             return False
         velocity = self._limiter.step(decision.velocity, not decision.moving, now)
+        hold_in_s = _hold_in_s(decision, now)
         match decision.output:
             case Output.LANDING:
                 self._vehicle.land()
             case Output.EMERGENCY:
                 self._vehicle.emergency()
             case _:
-                self._vehicle.send(velocity, not decision.moving)
-        self._guard.beat(_hold_in_s(decision, now))
+                if decision.output is Output.TAKING_OFF and not self._taking_off:
+                    self._vehicle.take_off()
+                self._vehicle.send(velocity, not decision.moving, hold_in_s)
+        self._guard.beat(hold_in_s, self._vehicle.hold())
         self._told, self._told_ns = decision, now.ns
         return True
+
+    @property
+    def _taking_off(self) -> bool:
+        return self._told is not None and self._told.output is Output.TAKING_OFF
 
     def state_due(self, decision: Decision, now: Instant) -> bool:
         """Return whether vehicle/state is to be published now: the output changed, or in turn."""
@@ -67,13 +74,13 @@ class Setpoints:
             battery=seen.battery,
             flying=seen.flying,
             output=decision.output,
-            output_reason=decision.reason,
+            output_reason="; ".join(filter(None, (decision.reason, self._vehicle.trouble))),
             commanded=self._limiter.velocity,
         )
 
     def end(self, now: Instant) -> None:
         """Send a last hold: what the vehicle keeps when this process ends in order."""
-        self._vehicle.send(self._limiter.step(Velocity(), True, now), True)
+        self._vehicle.send(self._limiter.step(Velocity(), True, now), True, GUARD_IDLE_S)
 
 
 def _hold_in_s(decision: Decision, now: Instant) -> float:

@@ -69,13 +69,17 @@ class VelocityCommand(Message):
 
 
 class OverrideKind(StrEnum):
-    """What an operator may order. `emergency` cuts the motors; it is never a stop."""
+    """What an operator may order. `emergency` cuts the motors; it is never a stop.
+
+    `take_off` arms as well, and ends in the air, stopped; a vehicle on wheels is armed only.
+    """
 
     HOLD = "hold"
     LAND = "land"
     MANUAL = "manual"
     RESUME = "resume"
     EMERGENCY = "emergency"
+    TAKE_OFF = "take_off"
 
 
 class Override(Message):

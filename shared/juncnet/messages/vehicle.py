@@ -50,6 +50,8 @@ class Output(StrEnum):
     """Held by an operator, or by a loss that only an operator ends."""
     LANDING = "landing"
     EMERGENCY = "emergency"
+    TAKING_OFF = "taking_off"
+    """By an operator's order: the vehicle goes up by itself, no velocity is obeyed."""
 
 
 class VehicleState(Message):

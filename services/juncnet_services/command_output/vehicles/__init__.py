@@ -18,6 +18,9 @@ from juncnet.messages import Capabilities, GeoPoint, Pose, Velocity
 SHIPPED = {
     "simulated": "juncnet_services.command_output.vehicles.simulated:SimulatedVehicle",
     "log": "juncnet_services.command_output.vehicles.log:LogVehicle",
+    "bebop": "juncnet_services.command_output.vehicles.bebop:BebopVehicle",
+    "mavlink": "juncnet_services.command_output.vehicles.mavlink:MavlinkVehicle",
+    "ros2": "juncnet_services.command_output.vehicles.ros2:Ros2Vehicle",
 }
 
 
@@ -31,14 +34,17 @@ class DriverOptions(BaseModel):
 class Hold:
     """Ready hold packets and where they go, for the guard process.
 
-    `link`: descriptor of the socket that the driver itself sends on. `address`: as `sendto` takes
-    it; None for a connected socket. `packets` are sent in turn, over and over: a protocol that
-    numbers its packets gives one for each number.
+    `link`: descriptor of the socket, or of the serial port, that the driver itself sends on.
+    `address`: as `sendto` takes it; None for a connected socket or a port. `packets` are sent in
+    turn, over and over. A protocol that numbers its packets gives one for each number and takes
+    the number from the clock: `step_ns` nanoseconds of monotonic time each; the guard does so too,
+    and neither has to know what the other has sent.
     """
 
     link: int
     address: str | tuple[str, int] | None
     packets: tuple[bytes, ...]
+    step_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,10 @@ class Telemetry:
 
 
 class Vehicle(Protocol):
-    """A driver. Calls never block; a link that is down is survived, counted, and comes back."""
+    """A driver. Calls never block; a link that is down is survived, counted, and comes back.
+
+    A driver never arms and never takes off unless `take_off` is called.
+    """
 
     Options: ClassVar[type[DriverOptions]]
 
@@ -68,12 +77,23 @@ class Vehicle(Protocol):
         """Setpoints that could not be sent since the start."""
         ...
 
-    def send(self, velocity: Velocity, brake: bool) -> None:
+    @property
+    def trouble(self) -> str:
+        """Why the vehicle will not fly, and the remedy; empty when it will."""
+        ...
+
+    def send(self, velocity: Velocity, brake: bool, lasts_s: float) -> None:
         """Send a setpoint, within all limits; called at 25 Hz and on every change.
 
         `brake`: this is a hold. The vehicle shall come to rest and stay there; `velocity` is where
         it is on its way to rest, for vehicles that have no hold of their own.
+        `lasts_s`: a driver that repeats setpoints in a thread of its own holds after so long
+        without a newer call.
         """
+        ...
+
+    def take_off(self) -> None:
+        """Arm, and take off what flies; called once for an operator's order, between holds."""
         ...
 
     def land(self) -> None:
@@ -85,7 +105,10 @@ class Vehicle(Protocol):
         ...
 
     def hold(self) -> Hold | None:
-        """Return what the guard needs; None where there is no link to guard."""
+        """Return what the guard needs now; None where there is no link to guard.
+
+        Asked after every setpoint; a guard is not given to a vehicle whose first answer is None.
+        """
         ...
 
     def telemetry(self, max_age_s: float) -> Telemetry | None:
@@ -93,7 +116,7 @@ class Vehicle(Protocol):
         ...
 
     def close(self) -> None:
-        """Give the link up."""
+        """End in order, as the options say: held, or landing. Gives the link up; at most 3 s."""
         ...
 
 

@@ -40,12 +40,17 @@ class LogVehicle:
         del flight_dir
         self.capabilities = usual_capabilities(options.kind, telemetry=False)
         self.send_failures = 0
+        self.trouble = ""
         self.sent: deque[tuple[str, Velocity]] = deque(maxlen=KEPT)
         self._every_ns = int(options.every_s * NS_PER_S)
         self._logged_ns = 0
 
-    def send(self, velocity: Velocity, brake: bool) -> None:
+    def send(self, velocity: Velocity, brake: bool, lasts_s: float) -> None:
+        del lasts_s
         self._keep("hold" if brake else "move", velocity)
+
+    def take_off(self) -> None:
+        self._keep("take_off", Velocity())
 
     def land(self) -> None:
         self._keep("land", Velocity())

@@ -33,6 +33,7 @@ class SimulatedVehicle:
     def __init__(self, options: SimulatedOptions, flight_dir: Path) -> None:
         self.capabilities = usual_capabilities(options.kind, telemetry=options.telemetry)
         self.send_failures = 0
+        self.trouble = ""
         self._address = str(link.server_address(flight_dir))
         self._newest: Telemetry | None = None
         self._newest_ns = 0
@@ -41,8 +42,12 @@ class SimulatedVehicle:
         self._own = Path(self._link.getsockname())
         self._send(link.encode(link.Hello()))
 
-    def send(self, velocity: Velocity, brake: bool) -> None:
+    def send(self, velocity: Velocity, brake: bool, lasts_s: float) -> None:
+        del lasts_s
         self._send(_setpoint(velocity, brake))
+
+    def take_off(self) -> None:
+        """Do nothing: the simulated vehicle starts in the air, or on its wheels."""
 
     def land(self) -> None:
         down = LANDING_MPS if self.capabilities.vertical else 0.0
