@@ -1,0 +1,31 @@
+"""`juncnet dataset COMMAND`: pictures to learn from: film, extract, label, check, synthesise."""
+
+import importlib
+import sys
+
+COMMANDS = {
+    "extract": ("dataset_extract", "frames from videos, labelled by folders or by intervals"),
+    "label": ("dataset_label", "say what videos show: a page with one key a class"),
+    "check": ("dataset_check", "counts, contact sheets, unreadable files, leaks between splits"),
+    "synthesise": ("dataset_synthesise", "labelled pictures from simulated worlds"),
+    "film": ("dataset_film", "videos of simulated drives with their intervals, to try this out"),
+}
+
+
+def _usage() -> str:
+    width = max(map(len, COMMANDS))
+    rows = [f"  {name:<{width}}  {text}" for name, (_, text) in COMMANDS.items()]
+    return "\n".join(["usage: juncnet dataset COMMAND [--help] ...", "", *rows])
+
+
+def main(argv: list[str]) -> int:
+    """Run the command named first; 2 when there is none of that name."""
+    if not argv or argv[0] in ("-h", "--help"):
+        print(_usage())
+        return 0 if argv else 2
+    if argv[0] not in COMMANDS:
+        print(f"juncnet dataset: there is no command {argv[0]!r}\n\n{_usage()}", file=sys.stderr)
+        return 2
+    module = importlib.import_module(f"juncnet_services.cli.{COMMANDS[argv[0]][0]}")
+    answer: int = module.main(argv[1:])
+    return answer

@@ -1,0 +1,1 @@
+"""A user's own footage: which frames are kept, what they show, and on which side they stand."""
