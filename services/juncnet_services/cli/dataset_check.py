@@ -128,18 +128,14 @@ def _problems(header: DatasetHeader, samples: Sequence[Sample]) -> list[str]:
     if header.classes[0] != "none":
         found.append(f"the first class is {header.classes[0]!r}: `none` (plain road) must be it")
     strangers = {s.label for s in samples} - set(header.classes)
-    found += [
-        f"class {name!r} is in the table but not in dataset.json" for name in sorted(strangers)
-    ]
+    found += [f"class {name!r} is in the table, not in dataset.json" for name in sorted(strangers)]
     twice = [path for path, n in Counter(s.path for s in samples).items() if n > 1]
     found += [f"{path} stands in the table more than once" for path in sorted(twice)]
     have = Counter((s.split, s.label) for s in samples)
     for split in SPLITS:
         if not any(s.split == split for s in samples):
             if split != "test":
-                found.append(
-                    f"{split} is empty: extract anew with other --shares or --split-by clip"
-                )
+                found.append(f"{split} is empty: extract with other --shares or --split-by clip")
             continue
         found += [
             f"no picture of {name!r} in {split}: name sites or clips with --{split}, "

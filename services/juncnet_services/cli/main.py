@@ -14,6 +14,7 @@ COMMANDS = {
     "resume": ("operator", "let the pipeline move the robot again"),
     "emergency": ("operator", "cut the motors (asks twice)"),
     "certificates": ("certificates", "make a CA and one certificate a role, for links to others"),
+    "dataset": ("dataset", "pictures to learn from: extract, label, check, synthesise, film"),
     "follower": ("evaluate_follower", "judge a road follower on a marked video"),
     "flights": ("flights", "fly many worlds, judge each and print the table"),
     "soak": ("soak", "fly until many junctions are passed, killing processes on the way"),
