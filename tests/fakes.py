@@ -179,7 +179,17 @@ class FakeBus:
     def serve(self, request: Request[Any], handler: Callable[[Any], Reply]) -> None:
         self.handlers[request.key] = handler
 
-    def request(self, request: Request[Any], message: Message, timeout_s: float = 5.0) -> Reply:
+    def unsubscribe(self, inbox: Any) -> None:
+        for boxes in self._inboxes.values():
+            boxes[:] = [box for box in boxes if box is not inbox]
+
+    def request(
+        self,
+        request: Request[Any],
+        message: Message,
+        timeout_s: float = 5.0,
+        robot: str | None = None,
+    ) -> Reply:
         return self.handlers[request.key](message)
 
     def frames_out(self, topic: FrameTopic) -> Any:

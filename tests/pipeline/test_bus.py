@@ -243,3 +243,17 @@ def test_the_router_service_lets_plain_zenoh_in(flight: Flight) -> None:
     finally:
         process.kill()
         process.wait()
+
+
+def test_a_publisher_rests_once_its_only_subscriber_has_unsubscribed(flight: Flight) -> None:
+    with peers.member(flight, "alpha") as sender, peers.member(flight, "beta") as receiver:
+        inbox = receiver.subscribe(t.CAMERA_IMAGE)
+        assert peers.eventually(lambda: sender.wanted(t.CAMERA_IMAGE))
+        receiver.unsubscribe(inbox)
+        assert peers.eventually(lambda: not sender.wanted(t.CAMERA_IMAGE))
+        again = receiver.subscribe(t.CAMERA_IMAGE)
+        assert peers.eventually(lambda: sender.wanted(t.CAMERA_IMAGE))
+        image = JpegImage.of(b"\xff\xd8", header=sender.stamp(), width=2, height=2)
+        sender.publish(t.CAMERA_IMAGE, image)
+        assert again.take(10.0) == image
+        assert inbox.newest is None
