@@ -11,6 +11,7 @@ processes = ["frame_capture", ...]
 
 import difflib
 import importlib
+import json
 import re
 import tomllib
 from collections.abc import Sequence
@@ -23,6 +24,8 @@ from juncnet.messages import Name
 
 C = TypeVar("C", bound=BaseModel)
 SERVICES_PACKAGE = "juncnet_services"
+SAVED = "layout.json"
+"""The layout of a flight in its directory, as its processes were started with it."""
 
 
 class LayoutError(ValueError):
@@ -80,6 +83,11 @@ class Layout(BaseModel):
         """Where this robot's lasting state is kept."""
         default = Path.home() / ".local/state/juncnet" / self.launch.robot
         return (self.launch.state_dir or default).expanduser()
+
+    def save(self, path: Path) -> None:
+        """Write the layout, its settings applied, as JSON that `load_layout` reads again."""
+        fields = self.model_dump(mode="json", exclude={"path", "sections"})
+        path.write_text(json.dumps(fields | self.sections, indent=2, default=str) + "\n")
 
     def section(self, service: str, config: type[C]) -> C:
         """Return the options of `service`.
@@ -145,8 +153,9 @@ def load_layout(path: Path, settings: Sequence[str] = ()) -> Layout:
 
 def _tables(path: Path) -> dict[str, Any]:
     try:
-        tables: dict[str, Any] = tomllib.loads(path.read_text())
-    except (OSError, tomllib.TOMLDecodeError) as error:
+        text = path.read_text()
+        tables: dict[str, Any] = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except (OSError, ValueError) as error:
         raise LayoutError(f"{path}: {error}") from error
     base = tables.pop("extends", None)
     return tables if base is None else _merged(_tables(path.parent / str(base)), tables)

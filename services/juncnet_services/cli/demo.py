@@ -22,7 +22,7 @@ from juncnet.assets import asset_path
 from juncnet.bus import Bus, Inbox
 from juncnet.flight import Flight, new_flight
 from juncnet.launch import connect
-from juncnet.layout import Layout, LayoutError, load_layout
+from juncnet.layout import SAVED, Layout, LayoutError, load_layout
 from juncnet.messages import Health, JunctionEvent, Mission
 from juncnet.simulation.routes import Route, ideal_time_s, plan_mission, route_of
 from juncnet.simulation.towns import WORLD_NAMES, named_world, random_world
@@ -129,6 +129,7 @@ class Demo:
         )
         self.layout: Layout = load_layout(path, self.settings)
         self.layout.validate_all()
+        self.layout.save(directory / SAVED)
         self.supervisor = Supervisor(directory)
         self.judge = Judge(setup.plan, setup.world.name, setup.vehicle)
         self.events: list[JunctionEvent] = []

@@ -15,7 +15,7 @@ from juncnet.assets import asset_path
 from juncnet.bus import Inbox
 from juncnet.flight import Flight, new_flight
 from juncnet.launch import connect
-from juncnet.layout import Layout, LayoutError, load_layout
+from juncnet.layout import SAVED, Layout, LayoutError, load_layout
 from juncnet.messages import Health
 from juncnet.topics import health_topic
 from juncnet_services.cli.local_flights import UP_MARK, running_flights, started_by_up
@@ -66,6 +66,7 @@ def start(layout: Layout, settings: Sequence[str]) -> tuple[Flight, Supervisor]:
     flight = new_flight(layout.launch.robot, layout.processes)
     mark = {"layout": str(layout.path), "settings": list(settings), "directory": str(Path.cwd())}
     (flight.directory / UP_MARK).write_text(json.dumps(mark, indent=2) + "\n")
+    layout.save(flight.directory / SAVED)
     arguments = ["--layout", str(layout.path), "--flight-dir", str(flight.directory)]
     for setting in settings:
         arguments += ["--set", setting]
