@@ -10,6 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from juncnet.clocks import Offset
 from juncnet.frames import Frame, FrameLayout
 from juncnet.messages import Message, Reply, Stamp
 from juncnet.topics import FrameTopic, Request, Topic
@@ -134,6 +135,7 @@ class FakeBus:
         self.robot, self.service, self.flight, self.epoch = "robot", service, "flight-1", 1
         self.clock = FakeClock()
         self.health = FakeHealth()
+        self.offsets: dict[str, Offset] = {}
         self.flight_dir = self.state_dir = directory or Path(tempfile.mkdtemp(prefix="juncnet-"))
         self.published: dict[str, list[Any]] = defaultdict(list)
         self.published_as: list[tuple[str, str, Any]] = []

@@ -10,11 +10,11 @@ from types import TracebackType
 
 import pytest
 
-from juncnet.bus import ZenohBus
 from juncnet.clocks import NS_PER_S
 from juncnet.launch import connect
 from juncnet.messages import SimulatorTruth
 from juncnet.topics import COMMAND_VELOCITY, NAVIGATION_STATE, SIMULATOR_TRUTH, health_topic
+from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.demo import Demo, Setup
 from juncnet_services.cli.local_flights import all_flights, end
 from juncnet_services.cli.up import log_end

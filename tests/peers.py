@@ -16,7 +16,6 @@ import numpy as np
 
 from juncnet import links
 from juncnet import topics as t
-from juncnet.bus import ZenohBus
 from juncnet.flight import Flight, new_flight, read_flight
 from juncnet.frame_ports import FrameTransport
 from juncnet.frames import Frame, FrameLayout
@@ -33,6 +32,7 @@ from juncnet.messages import (
     Velocity,
     VelocityCommand,
 )
+from juncnet.zenoh_bus import ZenohBus
 
 SIZES = ((320, 240), (640, 480), (1920, 1080))
 PROCESSES = ("alpha", "beta", "gamma")

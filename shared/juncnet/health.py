@@ -6,8 +6,9 @@ import threading
 from collections.abc import Sequence
 from typing import Protocol
 
-from juncnet.clocks import NS_PER_S, Clock, Instant, age_s
-from juncnet.messages import Health, Stamp
+from juncnet.clock_offset import Offsets
+from juncnet.clocks import NS_PER_S, Clock, Instant, Offset, age_s
+from juncnet.messages import Health, RemoteClock, Stamp
 
 LOG_EVERY_NS = NS_PER_S
 """At most one line in this time for survived errors, however many there are."""
@@ -41,8 +42,10 @@ class HealthReport(Protocol):
 class HealthCounters:
     """A `HealthReport` that any thread may write to; `report` closes the window."""
 
-    def __init__(self, service: str, clock: Clock) -> None:
+    def __init__(self, service: str, clock: Clock, offsets: Offsets | None = None) -> None:
         self._service, self._clock = service, clock
+        self._offsets = offsets or Offsets(clock)
+        self._linked: bool | None = None
         self._log = logging.getLogger(service)
         self._lock = threading.RLock()
         self._errors = 0
@@ -80,12 +83,19 @@ class HealthCounters:
     def output(self, taken_ns: int, header: Stamp | None) -> None:
         """Note that a main output was published for what was taken at `taken_ns`."""
         now_ns = self._clock.now_ns()
-        age = age_s(header.instant, Instant(now_ns, self._clock.id)) if header else None
+        age = None
+        if header is not None:
+            offset = self._offsets.get(header.clock)
+            age = age_s(header.instant, Instant(now_ns, self._clock.id), offset)
         with self._lock:
             self._outputs += 1
             self._latencies_ms.append(max(0, now_ns - taken_ns) / 1e6)
             if age is not None:
                 self._ages_s.append(age)
+
+    def linked(self, linked: bool | None) -> None:
+        """Note whether the vehicle's router is reached; None: this host needs no link to it."""
+        self._linked = linked
 
     def report(self, at: Stamp, flight: str, pid: int, drops: int) -> Health:
         """Return the health of the time since the last report, and begin a new window."""
@@ -106,8 +116,16 @@ class HealthCounters:
                 latency_p99_ms=percentile(latencies, 0.99) if latencies else None,
                 last_error=self._last_error,
                 counters=dict(self._counters),
+                linked=self._linked,
+                clocks={clock: _told(o) for clock, o in self._offsets.wanted().items()},
             )
             self._window_ns, self._outputs = now_ns, 0
             self._latencies_ms.clear()
             self._ages_s.clear()
         return health
+
+
+def _told(offset: Offset | None) -> RemoteClock:
+    if offset is None:
+        return RemoteClock()
+    return RemoteClock(offset_ns=offset.offset_ns, uncertainty_ns=offset.uncertainty_ns)

@@ -21,11 +21,12 @@ from pydantic import BaseModel
 
 from juncnet import links
 from juncnet.assets import asset_path
-from juncnet.bus import Bus, ZenohBus
+from juncnet.bus import Bus
 from juncnet.flight import Flight, join_flight, new_flight, read_flight
 from juncnet.frame_ports import FrameTransport
 from juncnet.identity import CERTIFICATES_VARIABLE, Identity, read_identity
 from juncnet.layout import Layout, LayoutError, load_layout
+from juncnet.zenoh_bus import ZenohBus
 
 C = TypeVar("C", bound=BaseModel)
 FLIGHT_VARIABLE = "JUNCNET_FLIGHT"

@@ -4,6 +4,7 @@ import itertools
 import time
 from pathlib import Path
 
+from juncnet.clock_offset import Offsets
 from juncnet.clocks import Clock
 from juncnet.flight import Flight, HostClock
 from juncnet.health import HealthCounters
@@ -19,7 +20,8 @@ class ServiceProcess:
         self._clock: Clock = HostClock()
         self._epoch = time.time_ns()
         self._sequence = itertools.count(1)
-        self._health = HealthCounters(service, self._clock)
+        self._offsets = Offsets(self._clock)
+        self._health = HealthCounters(service, self._clock, self._offsets)
         self._wake = Wake()
 
     @property
@@ -46,6 +48,11 @@ class ServiceProcess:
     def clock(self) -> Clock:
         """The host's monotonic clock."""
         return self._clock
+
+    @property
+    def offsets(self) -> Offsets:
+        """Measured offsets of other hosts' clocks; to look one up is to have it measured."""
+        return self._offsets
 
     @property
     def health(self) -> HealthCounters:

@@ -108,6 +108,11 @@ def health_topic(service: str) -> Topic[m.Health]:
     return Topic(f"health/{service}", m.Health, service, 1, Qos.FLIGHT)
 
 
+def clock_key(robot: str, clock: str) -> str:
+    """Return the key under which the processes of a host tell the time of its `clock` (a Stamp)."""
+    return f"{ROOT}/{robot}/clock/{clock}"
+
+
 TOPICS: tuple[Topic[Any] | Request[Any] | FrameTopic, ...] = tuple(
     cast(Any, value)
     for value in list(globals().values())

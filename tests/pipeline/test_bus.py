@@ -14,10 +14,10 @@ import zenoh
 
 import peers
 from juncnet import topics as t
-from juncnet.bus import ZenohBus
 from juncnet.flight import Flight
 from juncnet.launch import connect, open_gateway
 from juncnet.messages import Health, JpegImage, LoadModel, Mission, Reply, SetMission
+from juncnet.zenoh_bus import ZenohBus
 
 
 @pytest.fixture(name="flight")

@@ -11,13 +11,13 @@ import pytest
 
 import peers
 from juncnet import topics as t
-from juncnet.bus import ZenohBus
 from juncnet.flight import Flight
 from juncnet.frame_ports import FrameTransport
 from juncnet.frames import FrameLayout, FrameReader
 from juncnet.frames_iceoryx2 import SHARED_MEMORY
 from juncnet.frames_wire import ENCODING, PIXELS_KEY, PREFIX_BYTES, FramePrefix
 from juncnet.messages import PixelFormat
+from juncnet.zenoh_bus import ZenohBus
 
 TRANSPORTS: tuple[FrameTransport, ...] = ("iceoryx2", "zenoh")
 

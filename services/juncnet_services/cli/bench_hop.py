@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juncnet import links
-from juncnet.bus import ZenohBus
 from juncnet.flight import Flight, new_flight
 from juncnet.frames import FrameLayout
 from juncnet.frames_iceoryx2 import available
 from juncnet.messages import PixelFormat, Velocity, VelocityCommand
 from juncnet.topics import CAMERA_FRAME, COMMAND_VELOCITY
+from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.figures import Figure, median, p99, show
 
 Transport = Literal["iceoryx2", "zenoh", "shared memory + pipe", "pipe", "plain zenoh over TCP"]

@@ -18,13 +18,14 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 
 from juncnet import links
-from juncnet.bus import Bus, ZenohBus
+from juncnet.bus import Bus
 from juncnet.flight import new_flight
 from juncnet.frames import FrameLayout
 from juncnet.launch import connect
 from juncnet.layout import Layout, LayoutError, load_layout
 from juncnet.modelfile import ModelFileError
 from juncnet.topics import SERVICES, SIMULATOR_CAMERA
+from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.demo import START_S, Demo, prepare
 from juncnet_services.cli.figures import Figure, median, p99, show
 from juncnet_services.cli.in_process import Picture, Pipeline, pictures

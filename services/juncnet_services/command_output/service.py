@@ -40,7 +40,7 @@ def run(bus: Bus, config: Config) -> None:
     commands = bus.subscribe(COMMAND_VELOCITY)
     orders = bus.subscribe(COMMAND_OVERRIDE, capacity=256)
     latch, accepted = Latch(bus.state_dir), LastAccepted(bus.flight_dir)
-    arbiter = Arbiter(config, latch.read(), accepted.read())
+    arbiter = Arbiter(config, latch.read(), accepted.read(), bus.offsets)
     with (
         closing(open_vehicle(config.vehicle, config.options, bus.flight_dir)) as vehicle,
         GuardLink(vehicle.hold(), bus.flight_dir) as guard,

@@ -35,7 +35,15 @@ from juncnet.messages.motion import (
 from juncnet.messages.pictures import JpegImage, PixelFormat, VideoPacket
 from juncnet.messages.scores import ActiveModel, Features, JunctionScore, LoadModel, ModelIdentity
 from juncnet.messages.simulation import SimulatorTruth
-from juncnet.messages.vehicle import Capabilities, GeoPoint, Health, Output, Pose, VehicleState
+from juncnet.messages.vehicle import (
+    Capabilities,
+    GeoPoint,
+    Health,
+    Output,
+    Pose,
+    RemoteClock,
+    VehicleState,
+)
 
 __all__ = [
     "Ack",
@@ -66,6 +74,7 @@ __all__ = [
     "PixelFormat",
     "Pose",
     "Probability",
+    "RemoteClock",
     "Reply",
     "RoadCommand",
     "RoadSeen",

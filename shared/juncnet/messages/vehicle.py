@@ -73,6 +73,13 @@ class VehicleState(Message):
     """What was last sent to the vehicle, after all limits."""
 
 
+class RemoteClock(Message):
+    """How far another host's clock runs ahead of the reporting process's; None: not known now."""
+
+    offset_ns: int | None = Field(default=None, gt=-(2**63), lt=2**63)
+    uncertainty_ns: int | None = Field(default=None, ge=0, lt=2**63)
+
+
 class Health(Message):
     """How a process is doing, once a second."""
 
@@ -94,3 +101,7 @@ class Health(Message):
     last_error: str = ""
     counters: dict[str, float] = Field(default_factory=dict)
     """What only this service counts: `lost`, `corrupt`, `frozen`, `reconnects` ..."""
+    linked: bool | None = None
+    """Whether the vehicle's router is reached from another host; None: no such link is needed."""
+    clocks: dict[Name, RemoteClock] = Field(default_factory=dict)
+    """Clocks of other hosts on which what this process receives depends."""
