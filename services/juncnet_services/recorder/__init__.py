@@ -1,0 +1,1 @@
+"""Every message of a flight into MCAP files."""

@@ -1,0 +1,83 @@
+"""recorder: every topic of the robot -> MCAP files.
+
+It only listens: a recorder that is slow, killed or out of disk changes nothing in flight. After a
+kill at most the last second is missing, and the next recorder completes the file.
+"""
+
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from juncnet.bus import Bus
+from juncnet.launch import launch
+from juncnet.messages import Message
+from juncnet.topics import CAMERA_FRAME, CAMERA_VIDEO, Topic
+from juncnet_services.recorder.disk import DiskWatch
+from juncnet_services.recorder.ears import Ears
+from juncnet_services.recorder.pictures import Pictures
+from juncnet_services.recorder.session import Limits, Session, begin
+
+TICK_S = 0.05
+MB = 1_000_000
+
+
+class Config(BaseModel):
+    """Options of the recorder."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    folder: Path = Field(default=Path("recordings"), description="Where the files go.")
+    split_mb: int = Field(default=1000, ge=1, description="A new file begins after this size.")
+    warn_free_mb: int = Field(default=2000, ge=0, description="Free disk that is nearly full.")
+    stop_free_mb: int = Field(default=300, ge=0, description="Free disk at which recording ends.")
+    video: bool = Field(
+        default=True,
+        description="Encode camera/frame as H.264 while the camera itself gives no camera/video.",
+    )
+    crf: int = Field(default=24, ge=0, le=51, description="Quality of that video: 0 is lossless.")
+    key_frame_every: int = Field(default=25, ge=1, description="Frames from key frame to key frame")
+    features: bool = Field(
+        default=False,
+        description="Record radon/features too, 0.8 MB/s; they follow from the pictures.",
+    )
+
+
+def run(bus: Bus, config: Config) -> None:
+    """Record until the bus stops or the disk is full.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    limits = Limits(config.split_mb * MB, config.warn_free_mb * MB, config.stop_free_mb * MB)
+    session = begin(bus, config.folder, limits)
+    pictures = Pictures(bus.frames_in(CAMERA_FRAME) if config.video else None, config)
+    with closing(session):
+        ears, disk = Ears(bus, config.features), DiskWatch(session, bus.health)
+        while bus.running and disk.has_room(bus.clock.now_ns()):
+            packet = pictures.next(bus.clock.now_ns(), TICK_S)
+            if packet is not None:
+                write(bus, session, pictures, (bus.robot, CAMERA_VIDEO, packet))
+            elif not config.video:
+                bus.wait(TICK_S)
+            for item in ears.heard():
+                if item[1] is CAMERA_VIDEO:
+                    pictures.camera_gave(bus.clock.now_ns())
+                write(bus, session, pictures, item)
+
+
+def write(
+    bus: Bus, session: Session, pictures: Pictures, item: tuple[str, Topic[Any], Message]
+) -> None:
+    """Write one message; where a new file begins, video begins anew."""
+    began_ns = bus.clock.now_ns()
+    if session.write(*item):
+        pictures.restart()
+    if item[1] is CAMERA_VIDEO:
+        bus.health.output(began_ns, None)
+
+
+def main() -> None:
+    """Start the process."""
+    launch(run, Config)
