@@ -8,6 +8,7 @@ COMMANDS = {
     "up": ("up", "start a layout in the background"),
     "down": ("down", "stop a layout"),
     "status": ("status", "show rate, age and restarts of each process"),
+    "dashboard": ("dashboard", "serve a page that shows robots and commands them"),
     "events": ("events", "print junction events as they happen"),
     "stop": ("operator", "hold the robot until resume"),
     "land": ("operator", "land the robot"),

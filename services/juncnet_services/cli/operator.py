@@ -1,22 +1,30 @@
-"""`juncnet stop | land | resume | emergency`: an operator's order and its confirmation."""
+"""`juncnet stop | land | resume | takeoff | emergency`: an operator's order and its confirmation.
+
+Each works from any host with the right: `--flight HOST:PORT` with `--certificates`, or on the
+vehicle's host itself. The vehicle's side confirms, and the time that it took is shown.
+"""
 
 import argparse
 import getpass
 import re
+import socket
 import sys
 from pathlib import Path
 
 from juncnet.bus import Bus
 from juncnet.clocks import NS_PER_S
 from juncnet.flight import flights_root
+from juncnet.identity import CERTIFICATES_VARIABLE
 from juncnet.launch import connect
 from juncnet.messages import Ack, Override, OverrideKind, Stamp
 from juncnet.topics import COMMAND_ACK, COMMAND_OVERRIDE
+from juncnet_services.command_output.arbiter import AGE_UNKNOWN
 
 KINDS = {
     "stop": OverrideKind.HOLD,
     "land": OverrideKind.LAND,
     "resume": OverrideKind.RESUME,
+    "takeoff": OverrideKind.TAKE_OFF,
     "emergency": OverrideKind.EMERGENCY,
 }
 REPEAT_S = 0.1
@@ -32,12 +40,15 @@ def order(
 ) -> tuple[Ack | None, float]:
     """Send an order every `REPEAT_S` until the vehicle's side answers.
 
+    Goes on where it is refused only because our clock is not known there yet: it is being measured.
+
     Returns:
         The answer, None when there was none within `timeout_s`, and the seconds that it took.
     """
     answers = bus.subscribe(COMMAND_ACK, capacity=64)
     started_ns = bus.clock.now_ns()
     ours: list[Stamp] = []
+    answer: Ack | None = None
     while True:
         if _seconds_since(bus, started_ns) >= len(ours) * REPEAT_S:
             ours.append(bus.stamp())
@@ -47,9 +58,11 @@ def order(
         took_s = _seconds_since(bus, started_ns)
         for _, ack in answers.drain():
             if ack.override in ours:
-                return ack, took_s
+                answer = ack
+                if ack.accepted or AGE_UNKNOWN not in ack.reason:
+                    return ack, took_s
         if took_s >= timeout_s or not bus.running:
-            return None, took_s
+            return answer, took_s
 
 
 def confirmed() -> bool:
@@ -72,13 +85,24 @@ def newest_flight() -> Path:
     return found[-1].parent
 
 
+def add_link_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say which vehicle, and as whom."""
+    parser.add_argument("--flight", help="flight directory or router host:port (default: newest)")
+    parser.add_argument("--robot", default="robot", help="its name, through a router")
+    parser.add_argument("--operator", default=operator_name(), help="who orders (user.host)")
+    parser.add_argument(
+        "--certificates",
+        type=Path,
+        metavar="FOLDER",
+        help=f"of the role operator, for a router (default: ${CERTIFICATES_VARIABLE})",
+    )
+
+
 def main(argv: list[str]) -> int:
     """Run `argv`, the order and its options; return 0 when it was obeyed, else 1."""
     parser = argparse.ArgumentParser(prog="juncnet", description=__doc__)
     parser.add_argument("order", choices=KINDS)
-    parser.add_argument("--flight", help="flight directory or gateway host:port (default: newest)")
-    parser.add_argument("--robot", default="robot", help="its name, through a gateway")
-    parser.add_argument("--operator", default=_name(), help="who orders")
+    add_link_options(parser)
     parser.add_argument("--timeout", type=float, default=3.0, metavar="SECONDS")
     options = parser.parse_args(argv)
     if options.order == "emergency" and not confirmed():
@@ -86,27 +110,34 @@ def main(argv: list[str]) -> int:
         return 1
     try:
         target = options.flight or newest_flight()
-        with connect(target, options.robot) as bus:
+        with connect(target, options.robot, certificates=options.certificates) as bus:
             ack, took_s = order(bus, KINDS[options.order], options.operator, options.timeout)
     except (ConnectionError, FileNotFoundError) as error:
         print(f"juncnet {options.order}: {error}", file=sys.stderr)
         return 1
+    print(verdict(options.order, ack, took_s), file=sys.stdout if ack else sys.stderr)
+    return 0 if ack is not None and ack.accepted else 1
+
+
+def verdict(name: str, ack: Ack | None, took_s: float) -> str:
+    """Return in one line what became of an order."""
     if ack is None:
-        print(f"{options.order}: NO ANSWER within {took_s:.1f} s", file=sys.stderr)
-        return 1
-    verdict = "obeyed" if ack.accepted else "REFUSED"
-    print(f"{options.order}: {verdict} after {1000 * took_s:.0f} ms: {ack.reason}")
-    return 0 if ack.accepted else 1
+        return (
+            f"{name}: NO ANSWER within {took_s:.1f} s: is command_output running, and may this"
+            " certificate give orders?"
+        )
+    became = "obeyed" if ack.accepted else "REFUSED"
+    return f"{name}: {became} after {1000 * took_s:.0f} ms: {ack.reason}"
+
+
+def operator_name() -> str:
+    """Return user and host as an operator's name: each host counts its orders for itself."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):
+        user = "operator"
+    return re.sub(r"[^A-Za-z0-9_.:+-]", "-", f"{user}.{socket.gethostname()}")[:128]
 
 
 def _seconds_since(bus: Bus, then_ns: int) -> float:
     return (bus.clock.now_ns() - then_ns) / NS_PER_S
-
-
-def _name() -> str:
-    """Return the user's name as an operator's; `operator` where it has none that fits."""
-    try:
-        name = getpass.getuser()
-    except (KeyError, OSError):
-        return "operator"
-    return name if re.fullmatch(r"[A-Za-z0-9_.:+-]{1,64}", name) else "operator"

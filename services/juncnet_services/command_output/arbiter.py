@@ -29,6 +29,8 @@ GUARD_MARGIN_S = 0.02
 MAX_ORDER_AGE_S = 2.0
 """Orders other than hold that are known to be older than this are refused."""
 MAX_OPERATORS = 64
+AGE_UNKNOWN = "order_age_unknown"
+"""In the refusal of an order from a clock whose offset is not known (yet)."""
 TAKE_OFF_S = 5.0
 """How long an accepted take-off is the output; stopped afterwards, in the air."""
 
