@@ -16,14 +16,17 @@ import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast
+from typing import Any, Literal, Self, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from juncnet.links import is_loopback
 from juncnet.messages import Name
 
 C = TypeVar("C", bound=BaseModel)
 SERVICES_PACKAGE = "juncnet_services"
+OPTIONAL = ("dashboard", "recorder")
+"""Processes that may be started beside those of any layout; it may have sections for them."""
 SAVED = "layout.json"
 """The layout of a flight in its directory, as its processes were started with it."""
 
@@ -58,10 +61,27 @@ class LinksOptions(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    vehicle: str | None = None
+    """Address (`host:port`) of the vehicle's router, where the vehicle is another host."""
+    video: str | None = None
+    """Address of its link for video (`router.video_port`); None: the same link."""
     certificates: Path | None = None
     """Folder of this host's role, made by deploy/certificates; None: no links but plain ones."""
     allow_anyone_on_the_network_to_fly_this_robot: bool = False
-    """Listen beyond this host without certificates."""
+    """Listen or dial beyond this host without certificates."""
+
+    @model_validator(mode="after")
+    def _not_open_by_accident(self) -> Self:
+        trusted = (
+            self.certificates is not None or self.allow_anyone_on_the_network_to_fly_this_robot
+        )
+        if self.vehicle is not None and not trusted and not is_loopback(self.vehicle):
+            raise ValueError(
+                f"vehicle {self.vehicle} is on another host, and there are no certificates: whoever"
+                " answers there could see and fly. Make certificates with deploy/certificates and"
+                " name them in certificates"
+            )
+        return self
 
 
 class Layout(BaseModel):
@@ -83,6 +103,11 @@ class Layout(BaseModel):
         """Where this robot's lasting state is kept."""
         default = Path.home() / ".local/state/juncnet" / self.launch.robot
         return (self.launch.state_dir or default).expanduser()
+
+    def beside(self, *names: str) -> "Layout":
+        """Return this layout with the optional processes called so."""
+        more = tuple(name for name in names if name not in self.processes)
+        return self.model_copy(update={"processes": (*self.processes, *more)})
 
     def save(self, path: Path) -> None:
         """Write the layout, its settings applied, as JSON that `load_layout` reads again."""
@@ -137,7 +162,7 @@ def load_layout(path: Path, settings: Sequence[str] = ()) -> Layout:
     for setting in settings:
         _apply(tables, setting)
     processes = tables.pop("processes", [])
-    known = ["launch", "bus", "links", "shared", *processes]
+    known = ["launch", "bus", "links", "shared", *processes, *OPTIONAL]
     for name, table in tables.items():
         if name not in known:
             raise LayoutError(f"{path}: [{name}] is no process of this layout{_hint(name, known)}")

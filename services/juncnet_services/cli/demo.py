@@ -41,6 +41,8 @@ from juncnet_services.cli.judge import Judge, Plan, Summary
 from juncnet_services.cli.picture import Picture, flight_picture
 from juncnet_services.cli.supervise import Supervisor
 from juncnet_services.cli.view import Watched, event_text, render
+from juncnet_services.dashboard.service import Config as PageConfig
+from juncnet_services.dashboard.service import page_url
 from juncnet_services.junction_navigation.missions import load_mission
 from juncnet_services.simulator.setup import Config as SimulatorConfig
 from juncnet_services.simulator.setup import make_camera, make_world
@@ -53,6 +55,7 @@ START_S = 30.0
 PATIENCE = 2.0
 """A flight ends unfinished after this many times its ideal time."""
 AFTER_FINISH_S = 1.0
+DASHBOARD = "dashboard"
 EXIT_CODES = {"flown_right": 0, "failed": 1, "void": 3}
 
 
@@ -111,15 +114,15 @@ def mission_toml(mission: Mission) -> str:
 class Demo:
     """One flight from start to summary; a context, so that its processes always end."""
 
-    def __init__(self, setup: Setup):
-        """Check the layout and make the flight's directory.
+    def __init__(self, setup: Setup, beside: Sequence[str] = ()):
+        """Check the layout and make the flight's directory; `beside`: optional processes.
 
         Raises:
             LayoutError: an option is wrong.
         """
         self.setup = setup
         path = asset_path(setup.layout, "layouts", ".toml")
-        draft = load_layout(path, setup.settings)
+        draft = load_layout(path, setup.settings).beside(*beside)
         self.flight: Flight = new_flight(draft.launch.robot, draft.processes)
         directory = self.flight.directory
         self.settings = (
@@ -127,7 +130,7 @@ class Demo:
             f"junction_navigation.mission={mission_toml(setup.route.mission)}",
             *setup.settings,
         )
-        self.layout: Layout = load_layout(path, self.settings)
+        self.layout: Layout = load_layout(path, self.settings).beside(*beside)
         self.layout.validate_all()
         self.layout.save(directory / SAVED)
         self.supervisor = Supervisor(directory)
@@ -137,6 +140,8 @@ class Demo:
             f"{setup.world.name}, {setup.vehicle}: {setup.route.mission.name}",
             tuple(road.centre for road in setup.world.roads.values()),
         )
+        if DASHBOARD in beside:
+            self.watched.page = page_url(directory, self.layout.section(DASHBOARD, PageConfig))
 
     def __enter__(self) -> "Demo":
         arguments = ["--layout", str(self.layout.path), "--flight-dir", str(self.flight.directory)]
@@ -251,6 +256,12 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--headless", action="store_true", help="no live view; events as lines")
     parser.add_argument("--json", action="store_true", help="print the summary as one object")
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the flight")
+    parser.add_argument(
+        "--dashboard",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="a page to watch and command the flight; its address is printed",
+    )
     parser.add_argument("--keep", action="store_true", help="keep the flight's logs")
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.OPTION=VALUE", help="repeatable"
@@ -264,11 +275,13 @@ def main(argv: list[str]) -> int:
     try:
         mission = load_mission(options.mission) if options.mission else None
         setup = prepare(options.vehicle, options.world, options.seed, mission, options.set)
-        demo = Demo(setup)
+        demo = Demo(setup, (DASHBOARD,) if options.dashboard else ())
     except (LayoutError, ValueError, OSError) as error:
         print(f"juncnet demo: {error}", file=sys.stderr)
         return 2
     console = Console(stderr=True)
+    if demo.watched.page:
+        print(f"dashboard: {demo.watched.page}", file=sys.stderr, flush=True)
     try:
         with demo:
             if options.headless or not console.is_terminal:

@@ -52,6 +52,8 @@ class Watched:
     title: str
     roads: tuple[Points, ...] = ()
     """Centre lines of the world; empty: there is no map."""
+    page: str = ""
+    """Address of the dashboard; empty: there is none."""
     path: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
     pose: Pose | None = None
     navigation: NavigationState | None = None
@@ -101,6 +103,8 @@ def _mission(watched: Watched) -> RenderableType:
         table.add_row("output", Text(vehicle.output.value, style), vehicle.output_reason)
         speed = (vehicle.velocity or vehicle.commanded).forward_mps
         table.add_row("speed", f"{speed:.1f} m/s")
+    if watched.page:
+        table.add_row("dashboard", watched.page)
     return Panel(table, title=watched.title, width=64)
 
 
