@@ -12,7 +12,16 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from juncnet.topics import ROOT, SERVICES, TOPICS, FrameTopic, Request, Topic, health_topic
+from juncnet.topics import (
+    ROOT,
+    SERVICES,
+    TOPICS,
+    FrameTopic,
+    Request,
+    Topic,
+    clock_key,
+    health_topic,
+)
 
 VEHICLE_SIDE = "command_output"
 """The service that moves the vehicle: no link but the vehicle's own host speaks for it."""
@@ -41,11 +50,15 @@ class Rights:
     """The publishers, as the table of topics names them, whose topics and requests are its own."""
     asks: bool = False
     """Whether it may send the requests of operators."""
+    tells_time: bool = False
+    """Whether it may say what a clock shows, on which the age of commands depends."""
 
 
 RIGHTS: dict[Role, Rights] = {
-    Role.NAVIGATION: Rights(speaks_for=tuple(s for s in SERVICES if s != VEHICLE_SIDE)),
-    Role.OPERATOR: Rights(speaks_for=("operator",), asks=True),
+    Role.NAVIGATION: Rights(
+        speaks_for=tuple(s for s in SERVICES if s != VEHICLE_SIDE), tells_time=True
+    ),
+    Role.OPERATOR: Rights(speaks_for=("operator",), asks=True, tells_time=True),
     Role.RECORDER: Rights(speaks_for=("recorder",)),
     Role.VIEWER: Rights(),
 }
@@ -56,6 +69,7 @@ _SPEAK = ("put", "reply", "declare_queryable", "liveliness_token")
 _ALL = (*_LOOK, *_SPEAK, "delete", "query")
 _HISTORY = "@adv/**"
 """Where Zenoh's advanced publishers keep history and tell what they have sent."""
+_CLOCKS = clock_key("*", "*")
 _EVERYTHING = (f"{ROOT}/**", f"{ROOT}/**/{_HISTORY}")
 _ON_THIS_HOST = "this-host"
 
@@ -72,7 +86,7 @@ def access_control() -> dict[str, Any]:
         _rule("hear", _ALL, _EVERYTHING, "egress"),
         _rule("no-raw-pictures", ("put",), _frames(), "egress", permission="deny"),
         _rule("look", _LOOK, _EVERYTHING, "ingress"),
-        _rule("ask-for-history", ("query",), (f"{ROOT}/**/{_HISTORY}",), "ingress"),
+        _rule("ask-history-and-time", ("query",), (f"{ROOT}/**/{_HISTORY}", _CLOCKS), "ingress"),
     ]
     subjects: list[dict[str, Any]] = [
         {"id": _ON_THIS_HOST, "link_protocols": ["unixsock-stream"]},
@@ -84,7 +98,7 @@ def access_control() -> dict[str, Any]:
         subjects.append(
             {"id": role, "cert_common_names": [role], "link_protocols": ["tls", "quic"]}
         )
-        looking = ["hear", "no-raw-pictures", "look", "ask-for-history"]
+        looking = ["hear", "no-raw-pictures", "look", "ask-history-and-time"]
         policies.append({"rules": looking + [r["id"] for r in own], "subjects": [role]})
     return {
         "enabled": True,
@@ -101,7 +115,12 @@ def _own_rules(role: Role, rights: Rights) -> Iterable[dict[str, Any]]:
     serves = [t for t in TOPICS if isinstance(t, Request) and t.server in rights.speaks_for]
     keys = [topic.expression("*") for topic in (*topics, *serves)]
     if keys:
+        # Whose stamps the vehicle may go by tells the vehicle the time of its clock.
+        keys.append(clock_key("*", "*"))
         yield _rule(f"{role}-speaks", _SPEAK, [*keys, *(f"{k}/{_HISTORY}" for k in keys)])
+    if rights.tells_time:
+        yield _rule(f"{role}-tells-time", ("declare_queryable", "reply"), (_CLOCKS,))
+    yield _rule(f"{role}-asks-the-time", ("query",), [clock_key("*", "*")])
     if rights.asks:
         requests = [t.expression("*") for t in TOPICS if isinstance(t, Request)]
         yield _rule(f"{role}-asks", ("query",), requests)

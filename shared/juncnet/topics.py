@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Any, Generic, TypeVar, cast
 
 from juncnet import messages as m
-from juncnet.messages import Message
+from juncnet.messages import Message, MessageError
 
 ROOT = "juncnet"
 M = TypeVar("M", bound=Message)
@@ -42,6 +42,16 @@ class Topic(Generic[M]):
     def expression(self, robot: str) -> str:
         """Return the Zenoh key expression for `robot` (`*`: every robot)."""
         return f"{ROOT}/{robot}/{self.key}"
+
+    def robot_of(self, key: str) -> str:
+        """Return the robot that a message under `key` is of.
+
+        Raises:
+            MessageError: it was published to many keys at once, with wildcards.
+        """
+        if "*" in key:
+            raise MessageError(f"{self.key}: published with wildcards, to whomever it may concern")
+        return key.split("/")[1]
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,12 @@ from juncnet.frame_ports import FramePorts, FrameTransport
 from juncnet.frames import FrameReader, FrameWriter
 from juncnet.frames_wire import ENCODING
 from juncnet.inbox import Inbox, Mailbox, Waitable
+from juncnet.links import RemoteSettings
 from juncnet.messages import Message, MessageError, Reply
 from juncnet.process import ServiceProcess
 from juncnet.topics import FrameTopic, Request, Topic, health_topic
 from juncnet.zenoh_clocks import ClockWatch, tell_time
-from juncnet.zenoh_remote import RemoteLink, RemoteSettings
+from juncnet.zenoh_remote import RemoteLink
 from juncnet.zenoh_travel import KEEP, declare_publisher, declare_subscriber
 
 M = TypeVar("M", bound=Message)
@@ -127,10 +128,11 @@ class ZenohBus(ServiceProcess):
         def received(sample: zenoh.Sample) -> None:
             try:
                 message = topic.message.decode(*_content(sample))
+                robot = topic.robot_of(str(sample.key_expr))
             except MessageError as error:
                 self._health.error(f"{sample.key_expr}: {error}")
                 return
-            inbox.put(str(sample.key_expr).split("/")[1], message)
+            inbox.put(robot, message)
 
         self._inputs.append(inbox)
         if wakes:

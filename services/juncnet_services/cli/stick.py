@@ -1,7 +1,7 @@
 """Keys held down as a velocity, for flying by keyboard. Pure: `now_ns` is an argument.
 
-A terminal tells of a held key only by repeating it, so a key counts as held for `HELD_NS` after each
-time it was read: whoever lets go, or whose terminal hangs, sends zero.
+A terminal tells of a held key only by repeating it, so a key counts as held for `HELD_NS` after
+each time it was read: whoever lets go, or whose terminal hangs, sends zero.
 """
 
 from dataclasses import dataclass
