@@ -115,12 +115,9 @@ def _own_rules(role: Role, rights: Rights) -> Iterable[dict[str, Any]]:
     serves = [t for t in TOPICS if isinstance(t, Request) and t.server in rights.speaks_for]
     keys = [topic.expression("*") for topic in (*topics, *serves)]
     if keys:
-        # Whose stamps the vehicle may go by tells the vehicle the time of its clock.
-        keys.append(clock_key("*", "*"))
         yield _rule(f"{role}-speaks", _SPEAK, [*keys, *(f"{k}/{_HISTORY}" for k in keys)])
     if rights.tells_time:
         yield _rule(f"{role}-tells-time", ("declare_queryable", "reply"), (_CLOCKS,))
-    yield _rule(f"{role}-asks-the-time", ("query",), [clock_key("*", "*")])
     if rights.asks:
         requests = [t.expression("*") for t in TOPICS if isinstance(t, Request)]
         yield _rule(f"{role}-asks", ("query",), requests)

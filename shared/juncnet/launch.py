@@ -25,7 +25,8 @@ from juncnet.bus import Bus
 from juncnet.flight import Flight, join_flight, new_flight, read_flight
 from juncnet.frame_ports import FrameTransport
 from juncnet.identity import CERTIFICATES_VARIABLE, Identity, read_identity
-from juncnet.layout import Layout, LayoutError, load_layout
+from juncnet.layout import SAVED, Layout, LayoutError, LinksOptions, load_layout
+from juncnet.links import RemoteSettings
 from juncnet.zenoh_bus import ZenohBus
 
 C = TypeVar("C", bound=BaseModel)
@@ -47,13 +48,12 @@ def launch(run: Callable[[Bus, C], None], config: type[C]) -> None:
             layout = load_layout(asset_path(options.layout, "layouts", ".toml"), options.set)
             section = layout.section(service, config)
             flight = _flight(layout, options.flight_dir)
-            if layout.links.certificates is not None:
-                read_identity(layout.links.certificates)
+            remote = remote_settings(layout.links)
         except (LayoutError, ValueError, OSError) as error:
             print(error, file=sys.stderr)
             sys.exit(MISCONFIGURED)
         _set_up_process(layout)
-        sys.exit(_run(run, section, layout, flight, service))
+        sys.exit(_run(run, section, layout, (flight, remote), service))
 
 
 @contextlib.contextmanager
@@ -72,13 +72,17 @@ def _end_seen_by_supervisor() -> Generator[None]:
 
 
 def _run(
-    run: Callable[[Bus, C], None], section: C, layout: Layout, flight: Flight, service: str
+    run: Callable[[Bus, C], None],
+    section: C,
+    layout: Layout,
+    joined: tuple[Flight, RemoteSettings | None],
+    service: str,
 ) -> int:
     log = logging.getLogger(service)
     layout.state_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
-    with ZenohBus(
-        links.member(flight, service), flight, service, layout.state_dir, layout.bus.frames
-    ) as bus:
+    flight, remote = joined
+    settings, frames = links.member(flight, service), layout.bus.frames
+    with ZenohBus(settings, flight, service, layout.state_dir, frames, remote) as bus:
         _stop_on_signals(bus)
         bus.report_health()
         log.info("flight %s, robot %s, pid %d", flight.id, flight.robot, os.getpid())
@@ -101,13 +105,13 @@ def _stop_on_signals(bus: ZenohBus) -> None:
 
 @contextlib.contextmanager
 def open_gateway(
-    flight: Flight, endpoint: str, identity: Identity | None = None
+    flight: Flight, endpoint: str, identity: Identity | None = None, video: str | None = None
 ) -> Generator[None]:
-    """Let outsiders that dial `endpoint` into the flight's mesh while the context lasts.
+    """Let outsiders that dial `endpoint` or `video` into the flight's mesh while the context lasts.
 
     With an identity they need a certificate of its CA, and may do what their role may.
     """
-    settings = links.gateway(flight, endpoint, identity)
+    settings = links.gateway(flight, endpoint, identity, video)
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))):
         yield
 
@@ -127,15 +131,16 @@ def connect(
     Raises:
         ConnectionError: nobody is there, or the certificates cannot be used.
     """
-    service = f"cli-{os.getpid()}"
+    service, remote = f"cli-{os.getpid()}", None
     if Path(target).is_dir():
         flight = read_flight(Path(target))
         settings = links.visitor(flight)
+        remote = _remote_of(flight, certificates)
     else:
         flight = Flight("outside", Path(), robot, ())
         settings = _outsider(str(target), certificates)
     try:
-        bus = ZenohBus(settings, flight, service, Path(), frames)
+        bus = ZenohBus(settings, flight, service, Path(), frames, remote)
     except zenoh.ZError as error:
         raise ConnectionError(f"{target}: {error}") from error
     deadline = time.monotonic() + timeout_s
@@ -145,6 +150,33 @@ def connect(
         bus.close()
         raise ConnectionError(f"{target}: no process of this flight is running")
     return bus
+
+
+def remote_settings(options: LinksOptions, folder: Path | None = None) -> RemoteSettings | None:
+    """Return how the vehicle is reached, in the role of `folder` or else in the layout's own.
+
+    None where the vehicle is this host.
+
+    Raises:
+        ValueError: the certificates cannot be used.
+    """
+    folder = folder or options.certificates
+    identity = None if folder is None else read_identity(folder)
+    if options.vehicle is None:
+        return None
+    return links.remote(options.vehicle, options.video, identity)
+
+
+def _remote_of(flight: Flight, certificates: Path | None) -> RemoteSettings | None:
+    """Return how a visitor of a flight reaches the vehicle, where that is another host."""
+    saved = flight.directory / SAVED
+    if not saved.exists():
+        return None
+    named = certificates or os.environ.get(CERTIFICATES_VARIABLE)
+    try:
+        return remote_settings(load_layout(saved).links, Path(named) if named else None)
+    except ValueError as error:
+        raise ConnectionError(str(error)) from error
 
 
 def _outsider(target: str, certificates: Path | None) -> dict[str, Any]:

@@ -10,10 +10,16 @@ With certificates the gateway speaks TLS only, knows who dials by certificate, a
 role may not do. Rights are judged by the certificate of the link on which something comes in, so a
 remote tool links to the vehicle's gateway itself, never through another one.
 
+From another host a process dials the vehicle's router twice, for control and for video, so that a
+picture never delays a command: with one TCP connection the kernel's buffer is the queue, whatever
+the priorities. The video link's buffer is small as well, for what is in it is late. An outage is
+ended by dialling anew, because TCP would wait longer and longer between its own attempts.
+
 `scouting.delay` 0 matters: without it every start waits 0.5 s for scouting that is switched off.
 """
 
 import ipaddress
+from dataclasses import dataclass
 from typing import Any
 
 from juncnet.access import access_control
@@ -26,6 +32,22 @@ GATEWAY = "gateway"
 REDIAL_MS = 100
 LEASE_MS = 2000
 """A hung process counts as gone after this; a dead one at once."""
+REMOTE_LEASE_MS = 1000
+"""Of links between hosts: a silent one is given up and dialled anew after this."""
+OPEN_TIMEOUT_MS = 2000
+"""An attempt to dial another host is given up after this."""
+VIDEO_BUFFER = 65536
+"""Bytes of the kernel's send buffer of a video link, which Linux doubles."""
+
+
+@dataclass(frozen=True)
+class RemoteSettings:
+    """Zenoh settings of the two sessions of a process with the vehicle's router."""
+
+    control: dict[str, Any]
+    """For all topics but bulk ones."""
+    bulk: dict[str, Any]
+    """For video and pictures."""
 
 
 def _settings(mode: str, listen: list[str], dial: list[str]) -> dict[str, Any]:
@@ -71,15 +93,19 @@ def visitor(flight: Flight) -> dict[str, Any]:
     return _settings("peer", [], _others(flight, ""))
 
 
-def gateway(flight: Flight, endpoint: str, identity: Identity | None = None) -> dict[str, Any]:
-    """Return the settings of the router that lets outsiders in on `endpoint`.
+def gateway(
+    flight: Flight, endpoint: str, identity: Identity | None = None, video: str | None = None
+) -> dict[str, Any]:
+    """Return the settings of the router that lets outsiders in on `endpoint`, and on `video`.
 
     With an identity, by certificate and by the rights of their roles; without, whoever comes.
 
     Raises:
         ValueError: the identity is not a vehicle's.
     """
-    settings = _settings("router", [flight.socket(GATEWAY), endpoint], _others(flight, GATEWAY))
+    listen = [flight.socket(GATEWAY), endpoint, *([] if video is None else [_small_buffer(video)])]
+    settings = _settings("router", listen, _others(flight, GATEWAY))
+    settings["transport"]["link"]["tx"]["lease"] = REMOTE_LEASE_MS
     if identity is not None:
         if not identity.is_server:
             raise ValueError(f"{identity.folder}: {identity.role} lets nobody in: use drone")
@@ -101,6 +127,37 @@ def outsider(endpoint: str, identity: Identity | None = None) -> dict[str, Any]:
     return secured(settings, identity)
 
 
+def remote(
+    vehicle: str, video: str | None = None, identity: Identity | None = None
+) -> RemoteSettings:
+    """Return the settings of a process that serves the robot from another host.
+
+    Args:
+        vehicle: address of the vehicle's router, `host:port`.
+        video: address of its link for video; None: the same, and pictures may delay commands.
+        identity: certificates of this host's role; None: plain TCP.
+
+    Raises:
+        ValueError: the identity is a vehicle's.
+    """
+    control, bulk = endpoint(vehicle, identity), endpoint(video or vehicle, identity)
+    return RemoteSettings(
+        _persistent(outsider(control, identity)),
+        _persistent(outsider(_small_buffer(bulk), identity)),
+    )
+
+
+def _persistent(settings: dict[str, Any]) -> dict[str, Any]:
+    settings["connect"]["timeout_ms"] = OPEN_TIMEOUT_MS
+    settings["transport"]["unicast"] = {"open_timeout": OPEN_TIMEOUT_MS}
+    settings["transport"]["link"]["tx"]["lease"] = REMOTE_LEASE_MS
+    return settings
+
+
+def _small_buffer(endpoint: str) -> str:
+    return f"{endpoint}#so_sndbuf={VIDEO_BUFFER}"
+
+
 def secured(settings: dict[str, Any], identity: Identity | None) -> dict[str, Any]:
     """Return `settings` with the certificates of `identity` for its TLS links."""
     if identity is None:
@@ -116,9 +173,12 @@ def endpoint(address: str, identity: Identity | None = None) -> str:
     return f"{'tcp' if identity is None else 'tls'}/{address}"
 
 
-def is_loopback(host: str) -> bool:
-    """Return whether only processes of this host can dial a listener on `host`."""
+def is_loopback(address: str) -> bool:
+    """Return whether `address` (a host, or `host:port`) is reached from this host only."""
+    host = address.rsplit("/", 1)[-1]
+    if host.count(":") == 1 or host.startswith("["):
+        host = host.rpartition(":")[0]
     try:
-        return ipaddress.ip_address(host).is_loopback
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
         return host == "localhost"

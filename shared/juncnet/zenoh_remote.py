@@ -9,26 +9,16 @@ import contextlib
 import json
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import zenoh
 
+from juncnet.links import RemoteSettings
 from juncnet.topics import Qos
 
 RETRY_S = 0.2
 """Pause between attempts to reach the vehicle."""
 Declare = Callable[[zenoh.Session], None]
-
-
-@dataclass(frozen=True)
-class RemoteSettings:
-    """Zenoh settings of the two sessions to the vehicle's router."""
-
-    control: dict[str, Any]
-    """For all topics but bulk ones."""
-    bulk: dict[str, Any]
-    """For video and pictures."""
 
 
 class RemoteSession:

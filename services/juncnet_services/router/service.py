@@ -29,6 +29,8 @@ class Config(BaseModel):
     """Address to listen on; the default keeps other hosts out."""
     port: int = Field(0, ge=0, le=65535)
     """TCP port; 0: any free one, kept through restarts within a flight."""
+    video_port: int | None = Field(default=None, ge=1, le=65535)
+    """Second port, for the video links of other hosts, so that pictures never delay commands."""
     certificates: Path | None = None
     """Folder of the role `drone`, made by deploy/certificates; best given in [links]."""
     allow_anyone_on_the_network_to_fly_this_robot: bool = False
@@ -54,7 +56,10 @@ def run(bus: Bus, config: Config) -> None:
         address = note.read_text().strip() if note.exists() else _free_address(config.host)
     identity = None if config.certificates is None else read_identity(config.certificates)
     endpoint = links.endpoint(address, identity)
-    with open_gateway(read_flight(bus.flight_dir), endpoint, identity):
+    video = None
+    if config.video_port is not None:
+        video = links.endpoint(f"{config.host}:{config.video_port}", identity)
+    with open_gateway(read_flight(bus.flight_dir), endpoint, identity, video):
         note.write_text((address if identity is None else endpoint) + "\n")
         log = logging.getLogger(bus.service)
         log.info("outsiders are let in on %s", endpoint)
