@@ -13,7 +13,7 @@ from mcap import records
 from mcap.exceptions import McapError
 from mcap.stream_reader import StreamReader
 
-from juncnet.messages import BulkMessage, JpegImage, Message, MessageError, VideoPacket
+from juncnet.messages import BulkMessage, JpegImage, MessageError, VideoPacket
 from juncnet.recording import FLIGHT_METADATA, LAYOUT_ATTACHMENT, PAYLOAD, SUFFIX
 from juncnet.topics import ROOT, TOPICS, Request, Topic, health_topic
 
@@ -30,7 +30,8 @@ class Recorded:
     """Arrival, nanoseconds since 1970."""
     robot: str
     topic: Topic[Any]
-    message: Message
+    message: Any
+    """Of the topic's message type."""
 
 
 @dataclass(frozen=True)
