@@ -2,8 +2,9 @@
 
 It has the vehicle's link and ready hold packets. Its standard input is a pipe of JSON lines from
 command_output (`guard_link`): first an order, then deadlines (`hold_at_ns`, monotonic nanoseconds
-of this host), with new packets where those have changed. When a deadline passes without a newer one (command_output hangs or is stopped), or the pipe
-closes without `bye` (it died), the guard sends a hold packet every `period_s`, until
+of this host), with new packets where those have changed. When a deadline passes without a newer
+one (command_output hangs or is stopped), or the pipe closes without `bye` (it died), the guard
+sends a hold packet every `period_s`, until
 - a newer deadline comes,
 - a successor has written its own token into the `owner` file, or
 - the pipe is closed and `linger_s` are over.
