@@ -61,6 +61,13 @@ def age_s(then: Instant, now: Instant, offset: Offset | None = None) -> float | 
     return age_ns / NS_PER_S if age_ns >= 0 else None
 
 
+def local_ns(then: Instant, now: Instant, offset: Offset | None = None) -> int | None:
+    """Return `then` on the clock of `now`; None where the offset of its clock is not known."""
+    if then.clock == now.clock:
+        return then.ns
+    return None if offset is None else then.ns - offset.offset_ns
+
+
 def is_stale(age: float | None, limit_s: float) -> bool:
     """Return whether something of this `age` (seconds; None: unknown) must not be used any more."""
     return age is None or age > limit_s

@@ -17,6 +17,8 @@ from pathlib import Path
 
 SOCKET_PATH_LIMIT = 107
 """Bytes of a Unix socket's path on Linux."""
+INITIAL_TIME_NAMESPACE = 0xEFFFFFFA
+"""Inode of the time namespace of Linux that is not a container's."""
 LONGEST_SOCKET = "/" + 32 * "x" + ".zsock.lock"
 
 
@@ -99,12 +101,18 @@ def read_flight(directory: Path) -> Flight:
 
 
 class HostClock:
-    """The monotonic clock that all processes of one boot of this host share."""
+    """The monotonic clock that all processes of one boot of this host share.
+
+    Containers may have a time namespace, whose monotonic clock is another.
+    """
 
     def __init__(self) -> None:
-        boot = Path("/proc/sys/kernel/random/boot_id")
+        boot, namespace = Path("/proc/sys/kernel/random/boot_id"), Path("/proc/self/ns/time")
         if boot.exists():
             self._id = f"boot-{boot.read_text().strip()}"
+            inode = namespace.stat().st_ino if namespace.exists() else INITIAL_TIME_NAMESPACE
+            if inode != INITIAL_TIME_NAMESPACE:
+                self._id += f"-{inode}"
         else:
             self._id = f"host-{uuid.getnode():x}-{platform.system()}"
 

@@ -1,6 +1,8 @@
 """What the navigator has been told, what of it is fresh, and what it refuses to obey."""
 
-from juncnet.clocks import Instant, ReplayGate, age_s, is_stale
+from collections.abc import Mapping
+
+from juncnet.clocks import Instant, Offset, ReplayGate, age_s, is_stale, local_ns
 from juncnet.messages import JunctionScore, Output, RoadCommand, Stamp, VehicleState
 from juncnet.topics import JUNCTION_SCORE, ROAD_COMMAND
 from juncnet_services.junction_navigation.config import NavigatorConfig
@@ -9,10 +11,16 @@ CERTAIN = 0.6
 
 
 class Inputs:
-    """The newest score, road command and vehicle state that were accepted."""
+    """The newest score, road command and vehicle state that were accepted.
 
-    def __init__(self, config: NavigatorConfig) -> None:
+    `offsets`: measured offsets of other hosts' clocks, by clock.
+    """
+
+    def __init__(
+        self, config: NavigatorConfig, offsets: Mapping[str, Offset] | None = None
+    ) -> None:
         self._config = config
+        self._offsets = {} if offsets is None else offsets
         self._scores, self._roads = ReplayGate(), ReplayGate()
         self._vehicle_ns = 0
         self.score: JunctionScore | None = None
@@ -57,6 +65,11 @@ class Inputs:
         silence_s = (now.ns - self._vehicle_ns) / 1e9
         return self.vehicle if silence_s < self._config.vehicle_silence_s else None
 
+    def captured_ns(self, header: Stamp, now: Instant) -> int:
+        """Return when a frame was captured, on our clock; `now` where that is not known."""
+        captured = local_ns(header.instant, now, self._offsets.get(header.clock))
+        return now.ns if captured is None else captured
+
     def why_hold(self, now: Instant) -> str:
         """Return what is missing, for which the robot must hold; empty: nothing."""
         vehicle = self.live_vehicle(now)
@@ -66,7 +79,10 @@ class Inputs:
         for topic, newest in ((JUNCTION_SCORE, self.score), (ROAD_COMMAND, self.road)):
             if newest is None:
                 return f"no {topic.key} yet"
-            if is_stale(age_s(newest.header.instant, now), limit_s):
+            age = age_s(newest.header.instant, now, self._offsets.get(newest.header.clock))
+            if age is None:
+                return f"{topic.key} rests on a picture of unknown age"
+            if is_stale(age, limit_s):
                 return f"{topic.key} rests on a picture older than {limit_s} s"
         if vehicle.output in (Output.LANDING, Output.EMERGENCY):
             return f"the vehicle's output is {vehicle.output}"

@@ -1,9 +1,10 @@
 """The navigator: which junction, where to turn, what to do now. Pure: time is an argument."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from juncnet.clocks import Instant
+from juncnet.clocks import Instant, Offset
 from juncnet.messages import (
     EventKind,
     JunctionEvent,
@@ -60,14 +61,19 @@ class Navigator:
     """
 
     def __init__(
-        self, config: NavigatorConfig, mission: Mission, flight: str, found: Resumed = FRESH
+        self,
+        config: NavigatorConfig,
+        mission: Mission,
+        flight: str,
+        found: Resumed = FRESH,
+        offsets: Mapping[str, Offset] | None = None,
     ) -> None:
         saved = found.progress
         self.config = config
         self.progress = saved or Progress(flight=flight, configured=mission, mission=mission)
         self._blocked = found.blocked
         self._note = found.note
-        self._inputs = Inputs(config)
+        self._inputs = Inputs(config, offsets)
         self._odometry = Odometry(config, self.progress, saved is not None)
         self._detector = JunctionDetector(config.detector, config.camera.band, self.progress)
         self._plan = JunctionPlan(config, self.progress)
@@ -123,7 +129,7 @@ class Navigator:
         if not self._inputs.accept_score(score):
             return
         header = score.header
-        time_ns = header.time_ns if header.clock == now.clock else now.ns
+        time_ns = self._inputs.captured_ns(header, now)
         edge = self._detector.smooth(header.time_ns, score.junction)
         if edge is True:
             lag_ns = round(self._detector.rise_lag_s * 1e9)
@@ -138,7 +144,7 @@ class Navigator:
         if not self._inputs.accept_road(road):
             return
         header = road.header
-        yaw = self._odometry.at(header.time_ns if header.clock == now.clock else now.ns)[1]
+        yaw = self._odometry.at(self._inputs.captured_ns(header, now))[1]
         if self.progress.turn is not None:
             nominal = self.progress.turn.nominal_rad
             self._sight.look(road, yaw, nominal, self.config.sight_confidence)

@@ -36,7 +36,7 @@ def run(bus: Bus, config: Config) -> None:
     mission, store, lock, pace = load_mission(config.mission), Store(bus.flight_dir), Lock(), Pace()
     found = store.resume(bus.flight, mission)
     log.info("%s", found.note or found.blocked)
-    navigator = Navigator(config, mission, bus.flight, found)
+    navigator = Navigator(config, mission, bus.flight, found, bus.offsets)
     scores, roads = bus.subscribe(topics.JUNCTION_SCORE), bus.subscribe(topics.ROAD_COMMAND, 4)
     vehicles = bus.subscribe(topics.VEHICLE_STATE, wakes=False)
 
