@@ -38,10 +38,8 @@ class Authority:
         """Write CA, a new certificate of `role` and its key into `folder`.
 
         Raises:
-            ValueError: a host is neither a name nor an address, or `days` is not positive.
+            ValueError: a host is neither a name nor an address.
         """
-        if days < 1:
-            raise ValueError(f"--days {days}: must be at least 1")
         server = role is Role.DRONE
         purpose = ExtendedKeyUsageOID.SERVER_AUTH if server else ExtendedKeyUsageOID.CLIENT_AUTH
         key = ec.generate_private_key(ec.SECP256R1())
@@ -56,7 +54,7 @@ class Authority:
             )
         )
         if server:
-            names = [_general_name(host) for host in dict.fromkeys([*hosts, *ALWAYS])]
+            names = [_general_name(host_name(host)) for host in dict.fromkeys([*hosts, *ALWAYS])]
             builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
         _make_private(folder)
         _write(folder / CA, _pem(self.certificate))
@@ -129,12 +127,24 @@ def _name(common_name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
 
 
+def host_name(text: str) -> str:
+    """Return a host's name, or its address in the short form.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    try:
+        return str(ipaddress.ip_address(text))
+    except ValueError:
+        if HOST_NAME.fullmatch(text) is None:
+            raise ValueError(f"--host {text}: neither a host name nor an address") from None
+        return text
+
+
 def _general_name(host: str) -> x509.GeneralName:
     try:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
-        if HOST_NAME.fullmatch(host) is None:
-            raise ValueError(f"--host {host}: neither a host name nor an address") from None
         return x509.DNSName(host)
 
 

@@ -6,17 +6,18 @@ makes `certificates/` with a folder a role. Copy `drone/` to the vehicle, `navig
 laptop, and so on; name the folder as `certificates` in the section [links] of the layout there, or
 in $JUNCNET_CERTIFICATES for tools. `authority/` makes more certificates: keep it off every robot.
 
-A further call keeps what is there and makes what is missing; `--renew ROLE` makes one anew. To shut
-out a lost computer make everything anew (`--new-authority`) and copy it to the others.
+A further call keeps what is good and makes what is missing or expired; `--renew ROLE` makes one
+anew. To shut out a lost computer make all anew (`--new-authority`) and copy it to the others.
 """
 
 import argparse
 import shutil
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from juncnet.access import Role
-from juncnet.identity import CERTIFICATE, IdentityError, read_identity
+from juncnet.identity import Identity, IdentityError, read_identity
 
 AUTHORITY = "authority"
 DAYS = 365
@@ -55,38 +56,51 @@ def main(argv: list[str]) -> int:
     """Make what is missing and list what is there; 2 when it cannot be made."""
     options = arguments(argv)
     try:
-        from juncnet_services.cli.authority import Authority, open_authority
+        for line in make(options):
+            print(line)
     except ModuleNotFoundError as error:
         print(
             f"juncnet certificates: {error}: pip install 'juncnet[certificates]'", file=sys.stderr
         )
         return 2
-    folder: Path = options.folder
-    try:
-        if options.new_authority:
-            for name in (AUTHORITY, *Role):
-                shutil.rmtree(folder / name, ignore_errors=True)
-        authority: Authority = open_authority(folder / AUTHORITY)
-        for role in Role:
-            stale = role in options.renew or (
-                role is Role.DRONE and _other_hosts(folder, options.host)
-            )
-            if stale or not (folder / role / CERTIFICATE).exists():
-                authority.issue(folder / role, role, options.host, options.days)
-        for role in Role:
-            identity = read_identity(folder / role)
-            named = f" for {', '.join(identity.hosts)}" if identity.hosts else ""
-            print(f"{folder / role}: {role} until {identity.ends:%Y-%m-%d}{named}")
-    except (IdentityError, ValueError, OSError) as error:
+    except (ValueError, OSError) as error:
         print(f"juncnet certificates: {error}", file=sys.stderr)
         return 2
     return 0
 
 
-def _other_hosts(folder: Path, hosts: list[str]) -> bool:
-    """Return whether the vehicle's certificate lacks any of `hosts`."""
+def make(options: argparse.Namespace) -> Iterator[str]:
+    """Make what is missing or of no use any more; yield a line a role.
+
+    Raises:
+        ModuleNotFoundError: the extra `certificates` is not installed.
+        ValueError: an option is wrong, or the CA is none of ours.
+    """
+    from juncnet_services.cli.authority import host_name, open_authority
+
+    folder: Path = options.folder
+    hosts = [host_name(host) for host in options.host]
+    if options.days < 1:
+        raise ValueError(f"--days {options.days}: must be at least 1")
+    if options.new_authority:
+        for name in (AUTHORITY, *Role):
+            shutil.rmtree(folder / name, ignore_errors=True)
+    authority = open_authority(folder / AUTHORITY)
+    for role in Role:
+        known = _known(folder / role)
+        kept_hosts = known.hosts if known is not None else ()
+        more = role is Role.DRONE and not set(hosts) <= set(kept_hosts)
+        if known is None or more or role in options.renew:
+            authority.issue(folder / role, role, [*hosts, *kept_hosts], options.days)
+        identity = read_identity(folder / role)
+        done = "kept" if identity == known else "made"
+        named = f", for {', '.join(identity.hosts)}" if identity.hosts else ""
+        yield f"{done} {folder / role}: {role} until {identity.ends:%Y-%m-%d}{named}"
+
+
+def _known(folder: Path) -> Identity | None:
+    """Return the identity that is there; None when there is none that a link would accept."""
     try:
-        known = read_identity(folder / Role.DRONE).hosts
+        return read_identity(folder)
     except IdentityError:
-        return False
-    return not set(hosts) <= set(known)
+        return None
