@@ -44,7 +44,7 @@ class HealthCounters:
 
     def __init__(self, service: str, clock: Clock, offsets: Offsets | None = None) -> None:
         self._service, self._clock = service, clock
-        self._offsets = offsets or Offsets(clock)
+        self._offsets = Offsets(clock) if offsets is None else offsets
         self._linked: bool | None = None
         self._log = logging.getLogger(service)
         self._lock = threading.RLock()

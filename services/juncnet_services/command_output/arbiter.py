@@ -114,7 +114,7 @@ class Arbiter:
         self.latched = latched
         self.last_accepted = last_accepted
         self.refused: Counter[str] = Counter()
-        self._offsets = offsets or {}
+        self._offsets = {} if offsets is None else offsets
         self._manual: _Alive | None = None
         self._pipeline: _Alive | None = None
         self._gate = ReplayGate()
