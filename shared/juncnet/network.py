@@ -87,11 +87,33 @@ class RobustNet(nn.Module):
         return logits
 
 
-def build(architecture: Architecture, channels: int = 2, classes: int = 2) -> nn.Module:
-    """Return a new network of this architecture, randomly initialised."""
+class WithMask(nn.Module):
+    """A `RobustNet` that also says where road and junction lie: in training only.
+
+    The second output is read from the last 8x8 map, so that the network learns to see where a
+    junction's surface is before it learns to judge it. It is not exported.
+    """
+
+    def __init__(self, network: RobustNet):
+        super().__init__()
+        self.network = network
+        self.where = nn.Sequential(nn.Conv2d(96, 2 * 4, 1), nn.PixelShuffle(2))
+
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Return logits (N, classes), and logits (N, 2, 16, 16) of any road and of junctions."""
+        deep: Tensor = self.network.body[:5](features)
+        logits: Tensor = self.network.body[5:](deep)
+        masks: Tensor = self.where(deep)
+        return logits, masks
+
+
+def build(
+    architecture: Architecture, channels: int = 2, classes: int = 2, dropout: float | None = None
+) -> nn.Module:
+    """Return a new network of this architecture, randomly initialised; `dropout` None: its own."""
     if architecture == "paper":
-        return PaperNet(channels, classes)
-    return RobustNet(channels, classes)
+        return PaperNet(channels, classes, dropout=0.5 if dropout is None else dropout)
+    return RobustNet(channels, classes, dropout=0.2 if dropout is None else dropout)
 
 
 def parameters(network: nn.Module) -> int:

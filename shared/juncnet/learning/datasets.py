@@ -73,6 +73,7 @@ class _Store(Protocol):
     """Where the pictures are."""
 
     def picture(self, index: int) -> Bytes: ...
+    def array(self, name: Literal["gray", "mask"], rows: NDArray[np.int64]) -> Bytes | None: ...
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,14 @@ class Dataset:
     def luminances(self, indices: Iterable[int]) -> list[Bytes]:
         """Return the luminance of each of these pictures."""
         return [self.luminance(int(i)) for i in indices]
+
+    def whole_shards(self) -> Bytes | None:
+        """Return all pictures (N, H, W) at once; None: they are single files."""
+        return self._store.array("gray", self._row)
+
+    def masks(self) -> Bytes | None:
+        """Return where road (1) and junction (2) lie in each picture, (N, M, M); None: unknown."""
+        return self._store.array("mask", self._row)
 
     def where(self, mask: NDArray[np.bool_]) -> "Dataset":
         """Return the pictures for which `mask` (N,) is true."""
@@ -197,9 +206,11 @@ def _row(table: Path, line_number: int, line: dict[str, str], info: DatasetInfo)
     if line["class"] not in info.classes:
         known = ", ".join(info.classes)
         raise DatasetError(f"{where}: class {line['class']!r} is none of {known} ({INFO})")
-    split = {str(s): s for s in SPLITS}.get(line["split"])
-    if split is None:
-        raise DatasetError(f"{where}: split {line['split']!r} is none of {', '.join(SPLITS[1:])}")
+    try:
+        split = SPLITS[SPLITS.index(line["split"])]
+    except ValueError as error:
+        known = ", ".join(SPLITS[1:])
+        raise DatasetError(f"{where}: split {line['split']!r} is none of {known}") from error
     try:
         time_s = float(line["time_s"] or "nan")
     except ValueError as error:
@@ -248,15 +259,17 @@ def _pictures(folder: Path) -> list[Path]:
 
 
 def _from_shards(folder: Path, info: DatasetInfo) -> Dataset:
-    pictures: list[Bytes] = []
+    arrays: dict[str, list[Bytes]] = {"gray": [], "mask": []}
     label: list[NDArray[np.int64]] = []
     target: list[NDArray[np.float32]] = []
     site: list[NDArray[np.str_]] = []
     for name in info.shards:
         path = folder / name
         try:
-            pictures.append(_mapped(path, "gray"))
+            arrays["gray"].append(_mapped(path, "gray"))
             with np.load(path, allow_pickle=False) as data:
+                if "mask" in data.files:
+                    arrays["mask"].append(_mapped(path, "mask"))
                 label.append(data["label"].astype(np.int64))
                 target.append(data["target"].astype(np.float32))
                 site.append(data["site"].astype(np.str_))
@@ -273,7 +286,7 @@ def _from_shards(folder: Path, info: DatasetInfo) -> Dataset:
         np.full(len(labels), "", np.str_),
         np.full(len(labels), math.nan),
         info,
-        _Shards(pictures),
+        _Shards(arrays),
         np.arange(len(labels)),
     )
 
@@ -313,15 +326,29 @@ class _Files:
             )
         return np.asarray(picture[..., :3] if picture.ndim == 3 else picture, np.uint8)
 
+    def array(self, name: Literal["gray", "mask"], rows: NDArray[np.int64]) -> Bytes | None:
+        del name, rows
+        return None
+
 
 class _Shards:
-    def __init__(self, pictures: list[Bytes]) -> None:
-        self._pictures = pictures
-        self._ends = np.cumsum([len(part) for part in pictures])
+    def __init__(self, arrays: dict[str, list[Bytes]]) -> None:
+        self._arrays = arrays
+        self._ends = np.cumsum([0, *(len(part) for part in arrays["gray"])])
 
     def picture(self, index: int) -> Bytes:
-        shard = int(np.searchsorted(self._ends, index, side="right"))
-        return np.asarray(self._pictures[shard][index - int(self._ends[shard])])
+        shard = int(np.searchsorted(self._ends, index, side="right")) - 1
+        return np.asarray(self._arrays["gray"][shard][index - int(self._ends[shard])])
+
+    def array(self, name: Literal["gray", "mask"], rows: NDArray[np.int64]) -> Bytes | None:
+        parts = self._arrays[name]
+        if len(parts) + 1 < len(self._ends) or len({part.shape[1:] for part in parts}) > 1:
+            return None
+        out = np.empty((len(rows), *parts[0].shape[1:]), np.uint8)
+        for part, first, end in zip(parts, self._ends, self._ends[1:], strict=False):
+            here = (rows >= first) & (rows < end)
+            out[here] = part[rows[here] - first]
+        return out
 
 
 def _luminance(picture: Bytes) -> Bytes:

@@ -1,0 +1,283 @@
+"""The training loop: deterministic by seed, and the same whether it was interrupted or not.
+
+Every step draws its chance from (seed, step) alone, so a checkpoint needs no generator's state.
+"""
+
+# Torch leaves these of its own members without types.
+# pyright: reportUnknownMemberType=false
+
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from juncnet.features import Extractor
+from juncnet.learning.augment import mirror, vary
+from juncnet.learning.pictures import Pictures
+from juncnet.learning.recipes import Recipe
+from juncnet.network import RobustNet, WithMask
+
+WARM_UP = 0.1
+"""Share of a cycle in which the rate rises."""
+JUNCTION_PIXELS = 3.0
+"""Weight of a junction's pixels in the mask loss: there are few."""
+CHECKPOINT_S = 30.0
+REPORTS = 20
+"""Points of the curve."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point of the learning curve."""
+
+    samples: int
+    """Pictures seen so far, repetitions counted."""
+    loss: float
+    """Mean since the point before."""
+    balanced_accuracy: float
+    """Of the averaged weights, on the validation part."""
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that belongs to another training; the text says what differs."""
+
+
+class Trainer:
+    """Trains `network` in place on `data`, as `recipe` says."""
+
+    def __init__(
+        self,
+        network: nn.Module,
+        data: Pictures,
+        validation: Pictures,
+        recipe: Recipe,
+        seed: int,
+        extractor: Extractor,
+    ) -> None:
+        """Prepare; `validation` is judged and never trained on."""
+        self.recipe, self.seed = recipe, seed
+        self._data, self._validation, self._extractor = data, validation, extractor
+        torch.manual_seed(seed)
+        self._inner = network
+        self._network = network
+        if isinstance(network, RobustNet) and recipe.mask_weight > 0:
+            self._network = WithMask(network)
+        self._network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]  # torch's stubs lack it
+        self._average = {k: v.clone() for k, v in network.state_dict().items()}
+        kind = torch.optim.Adam if recipe.optimiser == "adam" else torch.optim.AdamW
+        self._optimiser = kind(
+            self._network.parameters(), lr=recipe.rate, weight_decay=recipe.weight_decay
+        )
+        self._weights = torch.from_numpy(
+            data.class_weights if recipe.balanced else np.ones_like(data.target[0])
+        )
+        self.steps = max(1, math.ceil(recipe.epochs * len(data) / recipe.batch))
+        self.step = 0
+        self.curve: list[Point] = []
+        self._loss_sum = 0.0
+        self._epoch, self._order = -1, np.empty(0, np.int64)
+
+    def run(
+        self,
+        checkpoint: Path | None = None,
+        progress: Callable[[int, int, list[Point]], None] | None = None,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> bool:
+        """Train to the end, or until `stop` says so; return whether it reached the end.
+
+        At the end the network holds the averaged weights. With `checkpoint` the state is saved
+        there now and then, and at a stop.
+        """
+        report = max(1, self.steps // REPORTS)
+        saved = time.monotonic()
+        while self.step < self.steps:
+            self._one_step()
+            if self.step % report == 0 or self.step == self.steps:
+                self._judge(report)
+            if progress is not None:
+                progress(self.step, self.steps, self.curve)
+            if checkpoint is not None and time.monotonic() - saved > CHECKPOINT_S:
+                self.save(checkpoint)
+                saved = time.monotonic()
+            if stop():
+                break
+        if checkpoint is not None:
+            self.save(checkpoint)
+        if self.step < self.steps:
+            return False
+        self._inner.load_state_dict(self._average)
+        return True
+
+    def _one_step(self) -> None:
+        chosen = self._chosen()
+        rng = np.random.default_rng([self.seed, 1, self.step])
+        torch.manual_seed(self.seed * 1_000_003 + self.step)
+        for group in self._optimiser.param_groups:
+            group["lr"] = self._rate()
+        loss = self._loss(chosen, rng)
+        self._optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        self._optimiser.step()
+        self.step += 1
+        self._loss_sum += loss.item()
+        self._follow()
+
+    def _chosen(self) -> NDArray[np.int64]:
+        """Return which pictures this step sees: epochs are shuffled one by one, and joined."""
+        n, batch = len(self._data), self.recipe.batch
+        first, wanted = self.step * batch, list[NDArray[np.int64]]()
+        while sum(map(len, wanted)) < batch:
+            at = first + sum(map(len, wanted))
+            epoch, begin = divmod(at, n)
+            if epoch != self._epoch:
+                self._order = np.random.default_rng([self.seed, 0, epoch]).permutation(n)
+                self._epoch = epoch
+            wanted.append(self._order[begin : begin + batch - sum(map(len, wanted))])
+        return np.concatenate(wanted)
+
+    def _rate(self) -> float:
+        if self.recipe.schedule == "constant":
+            return self.recipe.rate
+        done = (self.step + 1) / self.steps
+        if done < WARM_UP:
+            return self.recipe.rate * done / WARM_UP
+        return self.recipe.rate * 0.5 * (1 + math.cos(math.pi * (done - WARM_UP) / (1 - WARM_UP)))
+
+    def _loss(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Tensor:
+        gray, target = self._data.gray[chosen], torch.from_numpy(self._data.target[chosen])
+        with_masks = isinstance(self._network, WithMask)
+        mask = self._data.mask[chosen] if with_masks else None
+        if self.recipe.augmentation:
+            gray, mask = mirror(gray, mask, rng)
+            gray = vary(gray, rng, self.recipe.augmentation)
+        self._network.train()
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=self.recipe.bfloat16):
+            answer = self._network(features(gray, self._extractor))
+        if mask is None:
+            return cross_entropy(answer.float(), target, self._weights)
+        logits, where = answer
+        loss = cross_entropy(logits.float(), target, self._weights)
+        known = self._data.masked[chosen]
+        if not known.any():
+            return loss
+        return loss + self.recipe.mask_weight * _mask_loss(where.float()[known], mask[known])
+
+    def _follow(self) -> None:
+        """Let the averaged weights follow; early on faster, so that the start is forgotten."""
+        decay = min(self.recipe.average, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            for name, value in self._inner.state_dict().items():
+                kept = self._average[name]
+                if self.recipe.average and value.is_floating_point():
+                    kept.lerp_(value, 1 - decay)
+                else:
+                    kept.copy_(value)
+
+    def _judge(self, steps: int) -> None:
+        own = {k: v.clone() for k, v in self._inner.state_dict().items()}
+        self._inner.load_state_dict(self._average)
+        known = self._validation.label >= 0
+        answer = predict(self._inner, self._validation.gray[known], self._extractor)
+        accuracy = balanced_accuracy(answer, self._validation.label[known])
+        self._inner.load_state_dict(own)
+        seen = self.step * self.recipe.batch
+        self.curve.append(Point(seen, self._loss_sum / steps, accuracy))
+        self._loss_sum = 0.0
+
+    def save(self, path: Path) -> None:
+        """Write the whole state to `path`, at once or not at all."""
+        state: dict[str, Any] = {
+            "what": self._identity(),
+            "step": self.step,
+            "network": self._network.state_dict(),
+            "average": self._average,
+            "optimiser": self._optimiser.state_dict(),
+            "curve": [asdict(point) for point in self.curve],
+            "loss_sum": self._loss_sum,
+        }
+        part = path.with_suffix(".part")
+        torch.save(state, part)
+        os.replace(part, path)
+
+    def resume(self, path: Path) -> None:
+        """Go on from the state in `path`.
+
+        Raises:
+            CheckpointError: it belongs to another recipe, seed or other data.
+        """
+        state = torch.load(path, weights_only=True)
+        for name, value in self._identity().items():
+            if state["what"].get(name) != value:
+                raise CheckpointError(
+                    f"{path}: the training there had another {name}: "
+                    f"{state['what'].get(name)} instead of {value}; "
+                    "give the same options and data, or start anew without --resume"
+                )
+        self.step = int(state["step"])
+        self._network.load_state_dict(state["network"])
+        self._average = state["average"]
+        self._optimiser.load_state_dict(state["optimiser"])
+        self.curve = [Point(**point) for point in state["curve"]]
+        self._loss_sum = float(state["loss_sum"])
+
+    def _identity(self) -> dict[str, str]:
+        return {
+            "recipe": self.recipe.model_dump_json(),
+            "seed": str(self.seed),
+            "number of pictures": str(len(self._data)),
+        }
+
+
+def features(gray: NDArray[np.uint8], extractor: Extractor) -> Tensor:
+    """Return the network's input (N, C, S, S) of pictures (N, S, S)."""
+    return torch.from_numpy(extractor.batch(gray)).contiguous(memory_format=torch.channels_last)
+
+
+def cross_entropy(logits: Tensor, target: Tensor, weights: Tensor) -> Tensor:
+    """Return the mean cross-entropy of logits (N, K) against probabilities (N, K).
+
+    The weights (K,) of the classes count for pictures whose class is sure; in between, where a
+    probability is to be learnt, weights would shift it.
+    """
+    sure = (target.amax(dim=1, keepdim=True) == 1).float()
+    weight = sure * weights + (1 - sure)
+    return -(weight * target * torch.log_softmax(logits, dim=1)).sum(dim=1).mean()
+
+
+def _mask_loss(logits: Tensor, mask: NDArray[np.uint8]) -> Tensor:
+    """Return the loss of logits (N, 2, 16, 16) against masks (N, M, M), M a multiple of 16."""
+    side, step = logits.shape[-1], mask.shape[1] // logits.shape[-1]
+    planes = np.stack([mask > 0, mask == 2], axis=1).astype(np.float32)
+    share = planes.reshape(len(mask), 2, side, step, side, step).mean(axis=(3, 5))
+    weight = torch.tensor([1.0, JUNCTION_PIXELS]).view(2, 1, 1)
+    return functional.binary_cross_entropy_with_logits(
+        logits, torch.from_numpy(share), pos_weight=weight
+    )
+
+
+@torch.no_grad()
+def predict(
+    network: nn.Module, gray: NDArray[np.uint8], extractor: Extractor
+) -> NDArray[np.float32]:
+    """Return the probabilities (N, classes) of pictures (N, S, S)."""
+    network.eval()
+    parts = [
+        torch.softmax(network(features(gray[i : i + 256], extractor)), 1).numpy()
+        for i in range(0, len(gray), 256)
+    ]
+    return np.concatenate(parts)
+
+
+def balanced_accuracy(probability: NDArray[np.floating], label: NDArray[np.integer]) -> float:
+    """Return the mean recall over the classes that occur, of probabilities (N, classes)."""
+    called = probability.argmax(axis=1)
+    return float(np.mean([(called[label == k] == k).mean() for k in np.unique(label)]))
