@@ -12,22 +12,18 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import get_args
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from juncnet.learning.footage.intervals import SPLITS, FootageError
+from juncnet.learning.datasets import INFO, DatasetError, DatasetInfo, Row, read_info, read_rows
+from juncnet.learning.footage.intervals import SPLITS
 from juncnet.learning.footage.leaks import Leak, group_leaks, near_duplicate_leaks
 from juncnet.learning.footage.likeness import F32, NEAR_DUPLICATE, SIDE, descriptor
 from juncnet.learning.footage.sheets import contact_sheet, evenly
-from juncnet.learning.footage.table import (
-    PICTURES,
-    DatasetHeader,
-    Sample,
-    read_header,
-    read_samples,
-)
+from juncnet.learning.footage.writer import PICTURES, SEEN_SITES, SPLIT_BY, SplitBy
 from juncnet_services.cli.dataset_counts import counts_table, site_table
 
 SHEET_CELLS = 60
@@ -64,13 +60,15 @@ def examine(directory: Path, sheets: Path, near_duplicate: float = NEAR_DUPLICAT
     """Return what is to be said about the data set in `directory`; contact sheets go to `sheets`.
 
     Raises:
-        FootageError: it is no data set.
+        DatasetError: it is no data set, or a line of its table is wrong.
     """
-    header, samples = read_header(directory), read_samples(directory)
+    info = _info(directory)
+    samples = read_rows(directory, info)
+    asked: SplitBy = next((s for s in get_args(SplitBy) if s == info.notes.get(SPLIT_BY)), "site")
     descriptors, unreadable = _descriptors(directory, samples)
     readable = [s for s in samples if s.path not in unreadable]
-    leaks = group_leaks(samples, header.split_by)
-    leaks += near_duplicate_leaks(readable, descriptors, header.split_by, near_duplicate)
+    leaks = group_leaks(samples, asked)
+    leaks += near_duplicate_leaks(readable, descriptors, asked, near_duplicate)
     known = {s.path for s in samples}
     there = {
         p.relative_to(directory).as_posix()
@@ -78,18 +76,28 @@ def examine(directory: Path, sheets: Path, near_duplicate: float = NEAR_DUPLICAT
         if p.is_file()
     }
     return Report(
-        classes=header.classes,
-        split_by=header.split_by,
-        seen_sites=header.seen_sites,
+        classes=info.classes,
+        split_by=asked,
+        seen_sites=info.notes.get(SEEN_SITES) == "yes",
         n=len(samples),
         counts=_tally([(s.label, s.split) for s in samples]),
         sites=_tally([(s.site, s.label) for s in samples]),
         unreadable=tuple(unreadable),
         unlisted=tuple(sorted(there - known)),
-        problems=tuple(_problems(header, samples)),
+        problems=tuple(_problems(info, samples)),
         leaks=tuple(leaks),
         sheets=tuple(_write_sheets(directory, readable, sheets)),
     )
+
+
+def _info(directory: Path) -> DatasetInfo:
+    try:
+        return read_info(directory)
+    except OSError as error:
+        raise DatasetError(
+            f"{directory} is no data set ({INFO}: {error.strerror}): "
+            "`juncnet dataset extract` makes one"
+        ) from error
 
 
 def _tally(pairs: Sequence[tuple[str, str]]) -> dict[str, dict[str, int]]:
@@ -99,7 +107,7 @@ def _tally(pairs: Sequence[tuple[str, str]]) -> dict[str, dict[str, int]]:
     return counts
 
 
-def _descriptors(directory: Path, samples: Sequence[Sample]) -> tuple[F32, list[str]]:
+def _descriptors(directory: Path, samples: Sequence[Row]) -> tuple[F32, list[str]]:
     """Return the descriptors of the readable pictures, and the paths of the others."""
     rows: list[F32] = []
     unreadable: list[str] = []
@@ -123,14 +131,14 @@ def _read(path: Path, how: int) -> NDArray[np.uint8] | None:
     return None if pixels is None else np.asarray(pixels, np.uint8)
 
 
-def _problems(header: DatasetHeader, samples: Sequence[Sample]) -> list[str]:
+def _problems(info: DatasetInfo, samples: Sequence[Row]) -> list[str]:
     found: list[str] = []
-    if header.classes[0] != "none":
-        found.append(f"the first class is {header.classes[0]!r}: `none` (plain road) must be it")
-    strangers = {s.label for s in samples} - set(header.classes)
-    found += [f"class {name!r} is in the table, not in dataset.json" for name in sorted(strangers)]
+    if info.classes[0] != "none":
+        found.append(f"the first class is {info.classes[0]!r}: `none` (plain road) must be it")
     twice = [path for path, n in Counter(s.path for s in samples).items() if n > 1]
     found += [f"{path} stands in the table more than once" for path in sorted(twice)]
+    if samples and all(s.split == "test" for s in samples):
+        return found  # To judge models with, not to train them.
     have = Counter((s.split, s.label) for s in samples)
     for split in SPLITS:
         if not any(s.split == split for s in samples):
@@ -140,13 +148,13 @@ def _problems(header: DatasetHeader, samples: Sequence[Sample]) -> list[str]:
         found += [
             f"no picture of {name!r} in {split}: name sites or clips with --{split}, "
             "or extract with --split-by clip"
-            for name in header.classes
+            for name in info.classes
             if not have[split, name]
         ]
     return found
 
 
-def _write_sheets(directory: Path, samples: Sequence[Sample], sheets: Path) -> list[str]:
+def _write_sheets(directory: Path, samples: Sequence[Row], sheets: Path) -> list[str]:
     """Write a contact sheet for each class of each split and return their paths."""
     written: list[str] = []
     for split in SPLITS:
@@ -167,7 +175,7 @@ def _write_sheets(directory: Path, samples: Sequence[Sample], sheets: Path) -> l
     return written
 
 
-def text(directory: Path, samples: Sequence[Sample], report: Report) -> str:
+def text(directory: Path, samples: Sequence[Row], report: Report) -> str:
     """Return what `report` says, for people."""
     lines = [counts_table(samples), "", site_table(samples), ""]
     if report.seen_sites:
@@ -214,11 +222,12 @@ def main(argv: list[str]) -> int:
     sheets = options.sheets or options.directory / "check"
     try:
         report = examine(options.directory, sheets, options.near_duplicate)
-    except FootageError as error:
+    except DatasetError as error:
         print(f"juncnet dataset check: {error}", file=sys.stderr)
         return 2
     if options.json:
         print(json.dumps({**asdict(report), "sound": report.sound}, indent=2))
     else:
-        print(text(options.directory, read_samples(options.directory), report))
+        rows = read_rows(options.directory, _info(options.directory))
+        print(text(options.directory, rows, report))
     return 0 if report.sound else 1

@@ -3,11 +3,11 @@
 from collections import Counter
 from collections.abc import Sequence
 
+from juncnet.learning.datasets import Row
 from juncnet.learning.footage.intervals import SPLITS, classes_of
-from juncnet.learning.footage.table import Sample
 
 
-def counts_table(samples: Sequence[Sample]) -> str:
+def counts_table(samples: Sequence[Row]) -> str:
     """Return a table of classes by splits, with the number of sites and clips below."""
     counts = Counter((s.label, s.split) for s in samples)
     classes = classes_of(s.label for s in samples)
@@ -29,7 +29,7 @@ def counts_table(samples: Sequence[Sample]) -> str:
     return "\n".join(lines)
 
 
-def site_table(samples: Sequence[Sample]) -> str:
+def site_table(samples: Sequence[Row]) -> str:
     """Return a table of sites: their splits and how many pictures of each class they have."""
     classes = classes_of(s.label for s in samples)
     sites = sorted({s.site for s in samples})

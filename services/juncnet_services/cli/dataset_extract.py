@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from juncnet.learning.datasets import Row
 from juncnet.learning.footage.intervals import (
     SPLITS,
     FootageError,
@@ -26,7 +27,7 @@ from juncnet.learning.footage.pixels import as_stored, jpeg
 from juncnet.learning.footage.selection import thinned
 from juncnet.learning.footage.sides import Rules, sides
 from juncnet.learning.footage.splits import FRACTIONS, parse_shares
-from juncnet.learning.footage.table import DatasetHeader, DatasetWriter, Sample
+from juncnet.learning.footage.writer import DatasetWriter
 from juncnet_services.cli.dataset_counts import counts_table
 from juncnet_services.cli.dataset_videos import Video, clip_names, videos_in, whole_frame
 
@@ -143,7 +144,7 @@ def add_clip(writer: DatasetWriter, clip: Clip, sampling: Sampling) -> int:
             skipped += 1
             continue
         split = interval.split if interval else ""
-        sample = Sample("", label, clip.name, clip.site, split, time_s)
+        sample = Row("", label, clip.name, clip.site, split, time_s)
         writer.add(jpeg(as_stored(frame, sampling.height)), "jpg", sample)
     if video.counts.corrupt:
         print(f"  {clip.name}: {video.counts.corrupt} damaged pictures left out", file=sys.stderr)
@@ -165,10 +166,10 @@ def extract(
     """
     writer, skipped = DatasetWriter(out), 0
     for number, clip in enumerate(clips, 1):
-        before = len(writer.samples)
+        before = len(writer.rows)
         skipped += add_clip(writer, clip, sampling)
-        print(f"{number}/{len(clips)} {clip.name}: {len(writer.samples) - before} frames")
-    labels = {sample.label for sample in writer.samples}
+        print(f"{number}/{len(clips)} {clip.name}: {len(writer.rows) - before} frames")
+    labels = {sample.label for sample in writer.rows}
     if len(labels) < 2:
         raise FootageError(
             f"only {', '.join(labels) or 'nothing'} was found: a data set needs two classes, "
@@ -177,16 +178,14 @@ def extract(
     if "none" not in labels:
         raise FootageError(f"no class is called `none` (plain road): {', '.join(sorted(labels))}")
     if limit is not None:
-        writer.keep_only(thinned(writer.samples, limit))
-    made = {
-        "command": command,
-        "every_s": sampling.every_s,
-        "near_duplicate": sampling.near_duplicate,
-        "near_duplicates_skipped": skipped,
-        "limit": limit,
+        writer.keep_only(thinned(writer.rows, limit))
+    notes = {
+        "every_s": f"{sampling.every_s:g}",
+        "near_duplicates": f"{skipped} skipped, of difference below {sampling.near_duplicate:g}",
+        "limit": "none" if limit is None else str(limit),
     }
-    header = DatasetHeader(classes=classes_of(labels), split_by=rules.split_by, made=made)
-    writer.finish(sides(writer.samples, rules), header)
+    splits = sides(writer.rows, rules)
+    writer.finish(splits, classes_of(labels), command, rules.split_by, notes)
     return writer
 
 
@@ -214,8 +213,8 @@ def main(argv: list[str]) -> int:
     except (FootageError, re.error) as error:
         print(f"juncnet dataset extract: {error}", file=sys.stderr)
         return 2
-    print(counts_table(writer.samples))
-    print(f"wrote {len(writer.samples)} frames to {options.out}; look at them with "
+    print(counts_table(writer.rows))
+    print(f"wrote {len(writer.rows)} frames to {options.out}; look at them with "
           f"`juncnet dataset check {options.out}`")  # fmt: skip
     return 0
 

@@ -29,29 +29,31 @@ from juncnet.learning.footage.drives import (
     road_drives,
 )
 from juncnet.learning.footage.intervals import FootageError, Interval, write_intervals
-from juncnet.learning.footage.table import write_atomically
+from juncnet.learning.footage.writer import write_atomically
 from juncnet.simulation.render import Renderer
 from juncnet.simulation.towns import make_style
 from juncnet.simulation.truth import GroundTruth
 from juncnet.simulation.world import World
 from juncnet_services.simulator.setup import Config, make_camera, make_world
 
-FPS = 25
-BEFORE_M, AFTER_M = 42.0, 24.0
+BEFORE_M, AFTER_M = 42.0, 20.0
 """Road filmed before and behind a junction's middle."""
 ROAD_M = 30.0
 """Length of a drive along plain road."""
 
 
-def write_video(path: Path, pictures: Iterable[NDArray[np.uint8]], width: int, height: int) -> int:
-    """Write flat I420 pictures as H.264 at 25 a second and return how many there were."""
+def write_video(
+    path: Path, pictures: Iterable[NDArray[np.uint8]], size: tuple[int, int], fps: int
+) -> int:
+    """Write flat I420 pictures of `size` (width, height) as H.264; return how many there were."""
+    width, height = size
     path.parent.mkdir(parents=True, exist_ok=True)
     count = 0
     with av.open(str(path), "w") as container:
         # av's stubs leave the types of options and packets open.
-        stream = container.add_stream("libx264", rate=FPS)  # pyright: ignore[reportUnknownMemberType]
+        stream = container.add_stream("libx264", rate=fps)  # pyright: ignore[reportUnknownMemberType]
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        stream.options = {"preset": "veryfast", "crf": "23", "x264-params": "threads=1"}
+        stream.options = {"preset": "ultrafast", "crf": "26", "x264-params": "threads=1"}
         for flat in pictures:
             frame = VideoFrame.from_ndarray(flat.reshape(height * 3 // 2, width), format="yuv420p")
             frame.pts, count = count, count + 1
@@ -92,9 +94,10 @@ def chosen_drives(
 class Film:
     """Films drives of one town with one camera."""
 
-    def __init__(self, config: Config, named: bool) -> None:
+    def __init__(self, config: Config, fps: int, named: bool) -> None:
         """`named`: every junction is a class of its own, called as its site."""
-        self.config, self.named = config, named
+        self.config, self.fps, self.named = config, fps, named
+        self.size = (config.width, config.height)
         self.camera = make_camera(config)
         self.world = make_world(config)
         self.truth = GroundTruth(self.world)
@@ -104,26 +107,26 @@ class Film:
         style = self.world.style
         sun = make_style(style.palette, style.time_of_day, 1000 * day + self.config.seed)
         world = self.world if day == 0 else replace(self.world, style=sun)
-        c = self.config
-        return Renderer(world, c.width, c.height, self.camera, c.noise, c.seed + day)
+        noise, (width, height) = self.config.noise, self.size
+        return Renderer(world, width, height, self.camera, noise, self.config.seed + day)
 
     def take(
         self, drive: Drive, renderer: Renderer, out: Path, clip: str, seed: int
     ) -> list[Interval]:
         """Write the clip and return what it shows."""
         rng = np.random.default_rng([self.config.seed, seed])
-        where = poses(path_of(self.world, drive), float(rng.uniform(2.0, 3.2)), FPS, rng)
+        where = poses(path_of(self.world, drive), float(rng.uniform(2.0, 3.2)), self.fps, rng)
         tilt = rng.normal(0, 0.006, (len(where), 2))
 
         def pictures() -> Iterator[NDArray[np.uint8]]:
             for (x, y, yaw), (roll, pitch) in zip(where.tolist(), tilt.tolist(), strict=True):
                 yield renderer.render_i420(x, y, yaw, 0.0, roll, pitch)
 
-        write_video(out / clip, pictures(), self.config.width, self.config.height)
-        labels = labels_of(self.truth, where, self.camera)
+        write_video(out / clip, pictures(), self.size, self.fps)
+        labels = labels_of(self.truth, where, self.camera, drive)
         if self.named:
             labels = [drive.site if label == "junction" else label for label in labels]
-        return intervals_of(clip, drive.site, labels, FPS)
+        return intervals_of(clip, drive.site, labels, self.fps)
 
 
 def main(argv: list[str]) -> int:
@@ -139,7 +142,7 @@ def main(argv: list[str]) -> int:
             width=options.height * 16 // 9 // 2 * 2,
             height=options.height,
         )
-        film = Film(config, options.name_junctions)
+        film = Film(config, options.fps, options.name_junctions)
         drives = chosen_drives(
             film.world, film.camera, options.seed, options.junctions, options.skip, options.roads
         )
@@ -174,6 +177,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--first-day", type=int, default=0, metavar="N", help="number of the first day (0)")
     add("--palette", help="colours other than the town's own, as simulator.palette")
     add("--height", type=int, default=720, metavar="PX", help="of the pictures, 16:9 (720)")
+    add("--fps", type=int, default=25, metavar="N", help="pictures a second (25)")
     add(
         "--name-junctions",
         action="store_true",

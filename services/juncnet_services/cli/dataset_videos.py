@@ -11,6 +11,7 @@ from av.error import FFmpegError
 from av.packet import Packet
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
+from numpy.typing import NDArray
 
 from juncnet.frames import Frame
 from juncnet.learning.footage.intervals import FootageError
@@ -79,6 +80,14 @@ def whole_frame(decoded: VideoFrame) -> Frame:
     pixels = np.empty(picture.layout.nbytes, np.uint8)
     picture.write(pixels)
     return Frame(Stamp(epoch=0, sequence=0, time_ns=0, clock="file"), picture.layout, pixels)
+
+
+def shown(decoded: VideoFrame, width: int) -> NDArray[np.uint8]:
+    """Return a decoded frame for people, (H, W, 3) uint8 BGR, at most `width` wide."""
+    scale = min(1.0, width / decoded.width)
+    size = max(round(decoded.width * scale), 2), max(round(decoded.height * scale), 2)
+    small = decoded.reformat(width=size[0], height=size[1], format="bgr24")
+    return np.asarray(small.to_ndarray(), np.uint8)
 
 
 def videos_in(folder: Path) -> list[Path]:

@@ -24,6 +24,8 @@ CORNER_M = 4.0
 SWAY_M = 18.0
 """Length over which lateral and heading errors change."""
 UNSURE = "transition"
+SHORTEST_S = 0.3
+"""Shorter intervals are left out, as a person would."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +99,20 @@ def poses(path: Points, speed_mps: float, fps: float, rng: np.random.Generator) 
     return np.stack([x - side * np.sin(yaw), y + side * np.cos(yaw), yaw + error], axis=1)
 
 
-def labels_of(truth: GroundTruth, where: Points, camera: CameraGeometry) -> list[str]:
-    """Return what each pose (N, 3) shows: `none`, `junction` or `transition`."""
-    return [truth.label(float(x), float(y), wrap(float(yaw)), camera) for x, y, yaw in where]
+def labels_of(truth: GroundTruth, where: Points, camera: CameraGeometry, drive: Drive) -> list[str]:
+    """Return what each pose (N, 3) of a drive shows: `none`, `junction` or `transition`.
+
+    Another junction than the one that the drive is about is *transition*.
+    """
+    node = arm_ends(truth.world, drive.arriving)[1]
+    labels: list[str] = []
+    for x_m, y_m, yaw in where.tolist():
+        label: str = truth.label(x_m, y_m, wrap(yaw), camera)
+        if label == "junction":
+            ahead = truth.mouth_ahead(x_m, y_m, wrap(yaw))
+            label = label if ahead is not None and ahead[1] == node else UNSURE
+        labels.append(label)
+    return labels
 
 
 def intervals_of(clip: str, site: str, labels: Sequence[str], fps: float) -> list[Interval]:
@@ -108,7 +121,7 @@ def intervals_of(clip: str, site: str, labels: Sequence[str], fps: float) -> lis
     start = 0
     for index in range(1, len(labels) + 1):
         if index == len(labels) or labels[index] != labels[start]:
-            if labels[start] != UNSURE:
+            if labels[start] != UNSURE and index - start >= SHORTEST_S * fps:
                 found.append(Interval(clip, start / fps, index / fps, labels[start], site))
             start = index
     return found

@@ -12,10 +12,12 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from juncnet.learning.datasets import Split
+
 COLUMNS = ("clip", "from", "to", "class")
 OPTIONAL = ("site", "split")
-SPLITS = ("train", "validation", "test")
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+SPLITS: tuple[Split, ...] = ("train", "validation", "test")
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """What a class may be called: it names folders, and travels in messages."""
 
 
@@ -34,7 +36,7 @@ class Interval:
     label: str
     site: str = ""
     """Where it was filmed; empty: not said."""
-    split: str = ""
+    split: Split = ""
     """The side it is meant for; empty: drawn."""
 
 
@@ -98,9 +100,10 @@ def _interval(values: dict[str, str]) -> Interval:
         ) from error
     if end_s <= start_s:
         raise ValueError(f"the interval ends at {end_s:g} s, not after its beginning {start_s:g} s")
-    split = values.get("split", "")
-    if split and split not in SPLITS:
-        raise ValueError(f"split {split!r}: use {', '.join(SPLITS)}, or leave it empty")
+    asked = values.get("split", "")
+    split = {str(s): s for s in ("", *SPLITS)}.get(asked)
+    if split is None:
+        raise ValueError(f"split {asked!r}: use {', '.join(SPLITS)}, or leave it empty")
     site = values.get("site", "")
     return Interval(values["clip"], start_s, end_s, values["class"], site, split)
 

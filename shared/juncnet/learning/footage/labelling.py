@@ -152,7 +152,7 @@ class Labels:
         ends = [mark.at_s for mark in state.marks[1:]] + [state.seen_s]
         return [
             Interval(clip, mark.at_s, end, mark.label, state.site)
-            for mark, end in zip(state.marks, ends, strict=True)
+            for mark, end in zip(state.marks, ends, strict=False)
             if mark.label and end - mark.at_s > SAME_S
         ]
 

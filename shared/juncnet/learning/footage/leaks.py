@@ -7,10 +7,10 @@ from typing import Literal
 
 import numpy as np
 
+from juncnet.learning.datasets import Row
 from juncnet.learning.footage.intervals import SPLITS
 from juncnet.learning.footage.likeness import F32, NEAR_DUPLICATE, close_pairs
-from juncnet.learning.footage.table import (
-    Sample,
+from juncnet.learning.footage.writer import (
     SplitBy,
     clips_in_several_splits,
     sites_in_several_splits,
@@ -31,7 +31,7 @@ class Leak:
     """Of near-duplicates, see `juncnet.learning.footage.likeness`."""
 
 
-def group_leaks(samples: Sequence[Sample], split_by: SplitBy) -> list[Leak]:
+def group_leaks(samples: Sequence[Row], split_by: SplitBy) -> list[Leak]:
     """Return the sites and clips that stand in more than one split."""
     sites = sites_in_several_splits(samples)
     clips = clips_in_several_splits(samples)
@@ -42,7 +42,7 @@ def group_leaks(samples: Sequence[Sample], split_by: SplitBy) -> list[Leak]:
 
 
 def near_duplicate_leaks(
-    samples: Sequence[Sample],
+    samples: Sequence[Row],
     descriptors: F32,
     split_by: SplitBy,
     threshold: float = NEAR_DUPLICATE,

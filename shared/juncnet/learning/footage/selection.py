@@ -3,8 +3,8 @@
 from collections.abc import Hashable, Mapping, Sequence
 from typing import TypeVar
 
+from juncnet.learning.datasets import Row
 from juncnet.learning.footage.sheets import evenly
-from juncnet.learning.footage.table import Sample
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -21,7 +21,7 @@ def fair_shares(available: Mapping[Key, int], limit: int) -> dict[Key, int]:
     return shares
 
 
-def thinned(samples: Sequence[Sample], limit: int) -> list[int]:
+def thinned(samples: Sequence[Row], limit: int) -> list[int]:
     """Return the indices of at most `limit` samples, in order.
 
     Classes share alike, within a class its clips do, and within a clip frames are evenly spread.

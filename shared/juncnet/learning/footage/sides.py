@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
+from juncnet.learning.datasets import Row, Split
 from juncnet.learning.footage.intervals import FootageError
 from juncnet.learning.footage.splits import FRACTIONS, deal_frames, deal_groups
-from juncnet.learning.footage.table import Sample, SplitBy
+from juncnet.learning.footage.writer import SplitBy
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Rules:
     seed: int = 0
 
 
-def sides(samples: Sequence[Sample], rules: Rules) -> list[str]:
+def sides(samples: Sequence[Row], rules: Rules) -> list[Split]:
     """Return the split of every sample.
 
     Raises:
@@ -37,7 +38,7 @@ def sides(samples: Sequence[Sample], rules: Rules) -> list[str]:
             raise FootageError("--seen-sites deals out single frames: name no sites or clips")
         return deal_frames([s.label for s in samples], rules.shares, rules.seed)
     group = {s.clip: s.site if rules.split_by == "site" else s.clip for s in samples}
-    chosen: dict[str, str] = {}
+    chosen: dict[str, Split] = {}
     for clip, split in fixed.items():
         if chosen.setdefault(group[clip], split) != split:
             raise FootageError(
@@ -51,14 +52,18 @@ def sides(samples: Sequence[Sample], rules: Rules) -> list[str]:
     return [split_of[group[s.clip]] for s in samples]
 
 
-def _fixed_clips(samples: Sequence[Sample], rules: Rules) -> dict[str, str]:
+def _fixed_clips(samples: Sequence[Row], rules: Rules) -> dict[str, Split]:
     """Return the clips for which a split is asked for: in the table so far, or by the rules."""
-    fixed: dict[str, str] = {}
+    fixed: dict[str, Split] = {}
     for s in samples:
         if s.split and fixed.setdefault(s.clip, s.split) != s.split:
             raise FootageError(f"{s.clip} is asked for in {fixed[s.clip]} and in {s.split}")
     names = {(s.clip, s.site) for s in samples}
-    asked = {"train": rules.train, "validation": rules.validation, "test": rules.test}
+    asked: dict[Split, tuple[str, ...]] = {
+        "train": rules.train,
+        "validation": rules.validation,
+        "test": rules.test,
+    }
     for split, patterns in asked.items():
         for pattern in patterns:
             matching = [c for c, site in names if _matches(pattern, c) or _matches(pattern, site)]

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from juncnet.learning.datasets import Split
 from juncnet.learning.footage.intervals import SPLITS, FootageError
 
 FRACTIONS = (0.7, 0.15, 0.15)
@@ -18,10 +19,10 @@ Counts = Mapping[str, int]
 
 def deal_groups(
     groups: Mapping[str, Counts],
-    fixed: Mapping[str, str],
+    fixed: Mapping[str, Split],
     fractions: Sequence[float] = FRACTIONS,
     seed: int = 0,
-) -> dict[str, str]:
+) -> dict[str, Split]:
     """Return the split of every group (a site, or a clip).
 
     Groups go one by one, large ones first and equals in an order drawn by `seed`, to the split that
@@ -37,7 +38,7 @@ def deal_groups(
     Raises:
         FootageError: there are fewer groups than splits to fill.
     """
-    wanted = [s for s, f in zip(SPLITS, fractions, strict=True) if f > 0]
+    wanted: list[Split] = [s for s, f in zip(SPLITS, fractions, strict=True) if f > 0]
     if len(groups) < len(wanted) and not set(groups) <= set(fixed):
         raise FootageError(
             f"{len(groups)} of them cannot fill {', '.join(wanted)}: film more, "
@@ -45,11 +46,15 @@ def deal_groups(
         )
     classes = sorted({name for counts in groups.values() for name in counts})
     total = {c: sum(counts.get(c, 0) for counts in groups.values()) for c in classes}
-    goal = {(s, c): f * total[c] for s, f in zip(SPLITS, fractions, strict=True) for c in classes}
+    goal: dict[tuple[Split, str], float] = {
+        (split, c): f * total[c]
+        for split, f in zip(SPLITS, fractions, strict=True)
+        for c in classes
+    }
     have = dict.fromkeys(goal, 0.0)
-    split_of: dict[str, str] = {}
+    split_of: dict[str, Split] = {}
 
-    def put(group: str, split: str) -> None:
+    def put(group: str, split: Split) -> None:
         split_of[group] = split
         for c, n in groups[group].items():
             have[split, c] += n
@@ -73,9 +78,9 @@ def _large_first(groups: Mapping[str, Counts], seed: int) -> list[str]:
 
 def _lack(
     counts: Counts,
-    split: str,
-    goal: Mapping[tuple[str, str], float],
-    have: Mapping[tuple[str, str], float],
+    split: Split,
+    goal: Mapping[tuple[Split, str], float],
+    have: Mapping[tuple[Split, str], float],
     total: Counts,
 ) -> float:
     """Return how much a split would gain by a group: its relative want of the group's classes.
@@ -95,10 +100,10 @@ def _lack(
 
 def deal_frames(
     labels: Sequence[str], fractions: Sequence[float] = FRACTIONS, seed: int = 0
-) -> list[str]:
+) -> list[Split]:
     """Return a split for every frame, class by class in the wanted shares: the paper's protocol."""
     rng = np.random.default_rng([seed, 52])
-    split_of = [""] * len(labels)
+    split_of: list[Split] = [""] * len(labels)
     for name in sorted(set(labels)):
         rows = [i for i, label in enumerate(labels) if label == name]
         edges = np.round(np.cumsum(fractions) * len(rows)).astype(int).tolist()
