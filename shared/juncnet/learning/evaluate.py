@@ -1,166 +1,159 @@
-"""Judges a junction model on labelled pictures and writes its model card.
+"""Asks a model file about the pictures of a dataset, and times it."""
 
-python -m juncnet.learning.evaluate models/juncnet.onnx unseen=test.npz withheld=held.npz
-"""
-
-import argparse
 import hashlib
-import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
 
 from juncnet.features import Extractor
 from juncnet.inference import Network
-from juncnet.learning.samples import LABELS, Samples
-from juncnet.modelfile import INPUT, OUTPUT, ModelMetadata
+from juncnet.learning.datasets import Dataset
+from juncnet.learning.evaluation.answers import NONE, Answers
+from juncnet.learning.evaluation.metrics import balanced_accuracy, confusion_matrix
+from juncnet.learning.evaluation.scores import Latency
+from juncnet.modelfile import INPUT, OUTPUT, ModelFileError, ModelMetadata
 
-BOOTSTRAP = 1000
+AT_ONCE = 128
+TIMED = 200
+"""Pictures that latency is measured on, after `WARM_UP` others."""
+WARM_UP = 10
+Grouping = Literal["clip", "site"]
 
 
-class Figures(BaseModel):
-    """How a model does on one set."""
-
-    model_config = ConfigDict(frozen=True)
+@dataclass(frozen=True)
+class LoadedModel:
+    """A model file, ready to answer."""
 
     name: str
-    n: int
-    """Pictures outside the transition band."""
-    sites: int
-    balanced_accuracy: float
-    interval: tuple[float, float]
-    """95 %, over sites drawn with replacement."""
-    recall_junction: float
-    recall_none: float
-    n_transition: int
-    transition_called_junction: float
-    """Share of the transition band that is called *junction*: neither right nor wrong."""
-    balanced_accuracy_all: float
-    """Over all pictures, those of the transition band judged by the ramp's middle."""
+    sha256: str
+    metadata: ModelMetadata
+    network: Network
+    extractor: Extractor
+
+    def probabilities(self, pictures: list[NDArray[np.uint8]]) -> NDArray[np.float32]:
+        """Return the probabilities (N, K) of luminance pictures of any sizes."""
+        return self.network.run(self.extractor.batch(pictures), INPUT, OUTPUT)
 
 
-def probabilities(model: Path, samples: Samples) -> NDArray[np.float32]:
-    """Return the probability of *junction* (N,) that the model file gives each sample."""
-    network = Network(model.read_bytes())
+def load_model(path: Path) -> LoadedModel:
+    """Return the model in an ONNX file.
+
+    Raises:
+        ModelFileError: it is no JuncNet model; the text says why.
+    """
+    try:
+        data = path.read_bytes()
+        network = Network(data)
+    except (OSError, ValueError) as error:
+        raise ModelFileError(f"{path}: {error}") from error
     metadata = ModelMetadata.from_properties(network.properties)
-    extractor, none = Extractor(metadata.preprocessing), metadata.classes.index("none")
-    parts: list[NDArray[np.float32]] = []
-    for first in range(0, len(samples), 256):
-        features = extractor.batch(samples.gray[first : first + 256])
-        parts.append(1 - network.run(features, INPUT, OUTPUT)[:, none])
-    return np.concatenate(parts)
-
-
-def figures(name: str, samples: Samples, probability: NDArray[np.float32]) -> Figures:
-    """Return how these probabilities (N,) do on the samples, at a threshold of one half."""
-    called = probability >= 0.5
-    junction, none, band = (
-        samples.label == LABELS.index(k) for k in ("junction", "none", "transition")
-    )
-    truly = np.where(band, np.nan_to_num(samples.target, nan=0.0) >= 0.5, junction)
-    sites = np.unique(samples.site)
-    rows = np.array([_counts(samples.site == site, called, junction, none) for site in sites])
-    rng = np.random.default_rng(0)
-    draws = rows[rng.integers(0, len(sites), (BOOTSTRAP, len(sites)))].sum(axis=1)
-    spread = np.percentile([_balanced(*row) for row in draws], [2.5, 97.5])
-    right_junction, all_junction, right_none, all_none = rows.sum(axis=0)
-    return Figures(
-        name=name,
-        n=int(junction.sum() + none.sum()),
-        sites=len(sites),
-        balanced_accuracy=_balanced(*rows.sum(axis=0)),
-        interval=(float(spread[0]), float(spread[1])),
-        recall_junction=float(right_junction / all_junction),
-        recall_none=float(right_none / all_none),
-        n_transition=int(band.sum()),
-        transition_called_junction=float(called[band].mean()),
-        balanced_accuracy_all=float((called[truly].mean() + (~called[~truly]).mean()) / 2),
+    return LoadedModel(
+        metadata.name,
+        hashlib.sha256(data).hexdigest(),
+        metadata,
+        network,
+        Extractor(metadata.preprocessing),
     )
 
 
-def _counts(
-    here: NDArray[np.bool_],
-    called: NDArray[np.bool_],
-    junction: NDArray[np.bool_],
-    none: NDArray[np.bool_],
-) -> tuple[int, int, int, int]:
-    return (
-        int((here & junction & called).sum()),
-        int((here & junction).sum()),
-        int((here & none & ~called).sum()),
-        int((here & none).sum()),
+def answers(model: LoadedModel, data: Dataset, grouping: Grouping = "clip") -> Answers:
+    """Return what the model answers to every picture of a dataset.
+
+    Where their classes differ and one of both only tells `none` from the rest, the other's classes
+    are merged to the same.
+
+    Raises:
+        ValueError: the classes cannot be brought together.
+        DatasetError: a picture cannot be read.
+    """
+    parts = [model.probabilities(data.luminances(chunk)) for chunk in _chunks(len(data))]
+    classes, probability, label = _common_classes(
+        model.metadata.classes, np.concatenate(parts), data.classes, data.label
+    )
+    site, _ = sites_of(data)
+    group = site if grouping == "site" else data.clip
+    return Answers(classes, probability, label, site, group)
+
+
+def sites_of(data: Dataset) -> tuple[NDArray[np.str_], bool]:
+    """Return the site of each picture (N,), and whether it is known.
+
+    Unknown ones are taken to be clips, and unknown clips to be single pictures: figures from those
+    alone look surer than they are.
+    """
+    single = np.array([f"picture {i}" for i in range(len(data))], np.str_)
+    clips = np.where(data.clip == "", single, data.clip)
+    sites = np.where(data.site == "", clips, data.site)
+    known = bool((data.site != "").all()) and data.info.made_by != "class folders"
+    return np.asarray(sites, np.str_), known
+
+
+def with_band(given: Answers, data: Dataset) -> float | None:
+    """Return the balanced accuracy with the transition band judged by the middle of its ramp.
+
+    Pictures of which nobody could say anything stay out. None for data without such a band, and
+    for more than two classes.
+    """
+    band = (given.label < 0) & np.isfinite(data.target).all(axis=1)
+    positive = given.positive
+    if positive is None or NONE not in data.classes or not band.any():
+        return None
+    plain = data.target[:, data.classes.index(NONE)] >= 0.5
+    label = np.where(band, np.where(plain, 1 - positive, positive), given.label)
+    judged = label >= 0
+    answer = given.probability.argmax(axis=1)
+    return balanced_accuracy(confusion_matrix(label[judged], answer[judged], 2))
+
+
+def latency(model: LoadedModel, data: Dataset) -> Latency:
+    """Return how long the model takes for one picture of this dataset, pictures one by one."""
+    count = min(len(data), TIMED)
+    pictures = data.luminances(np.linspace(0, len(data) - 1, count).astype(int))
+    for picture in pictures[:WARM_UP]:
+        model.probabilities([picture])
+    features_s, network_s = np.empty(count), np.empty(count)
+    for i, picture in enumerate(pictures):
+        start = time.perf_counter()
+        features = model.extractor.batch([picture])
+        between = time.perf_counter()
+        model.network.run(features, INPUT, OUTPUT)
+        features_s[i], network_s[i] = between - start, time.perf_counter() - between
+    total = features_s + network_s
+    return Latency(
+        n=count,
+        features_p50_ms=1e3 * float(np.median(features_s)),
+        network_p50_ms=1e3 * float(np.median(network_s)),
+        total_p50_ms=1e3 * float(np.median(total)),
+        total_p99_ms=1e3 * float(np.percentile(total, 99)),
     )
 
 
-def _balanced(right_a: float, all_a: float, right_b: float, all_b: float) -> float:
-    return float((right_a / max(all_a, 1) + right_b / max(all_b, 1)) / 2)
+def _chunks(n: int) -> Iterator[range]:
+    return (range(first, min(first + AT_ONCE, n)) for first in range(0, n, AT_ONCE))
 
 
-def card(model: Path, rows: list[Figures], command: str) -> str:
-    """Return the model card, Markdown."""
-    metadata = ModelMetadata.from_properties(Network(model.read_bytes()).properties)
-    p = metadata.preprocessing
-    table = "\n".join(
-        f"| {r.name} | {r.sites} | {r.n} | {100 * r.balanced_accuracy:.2f} % "
-        f"({100 * r.interval[0]:.2f} to {100 * r.interval[1]:.2f}) "
-        f"| {100 * r.recall_junction:.2f} % | {100 * r.recall_none:.2f} % | {r.n_transition}: "
-        f"{100 * r.transition_called_junction:.0f} % called junction "
-        f"| {100 * r.balanced_accuracy_all:.2f} % |"
-        for r in rows
-    )
-    sha256 = hashlib.sha256(model.read_bytes()).hexdigest()
-    return f"""# {metadata.name}
-
-Tells *junction* from *none* in a forward camera's picture.
-
-| | |
-|---|---|
-| file | `{model.name}`, sha256 `{sha256}` |
-| architecture | `{metadata.architecture}` in `juncnet/network.py` |
-| classes | {", ".join(metadata.classes)} |
-| input | {", ".join(p.channels)}; {p.size}x{p.size}, sharpening {p.sharpening}, \
-{p.angles} angles, filter {p.filter}, circle {p.circle}, standardisation {p.standardisation} |
-| label | mouth between the picture's row {metadata.near_row} and {metadata.far_heights} \
-camera heights ahead (`juncnet/camera.py`) |
-| recipe | {metadata.recipe} |
-| data | pictures of simulated worlds only (`juncnet/learning/synthetic.py`); nobody's photographs |
-
-Frames sampled uniformly along driven paths of worlds that it was not trained on, cameras drawn at
-heights of 1.2 to 5 m, pitches of 9 to 26 degrees, fields of view of 68 to 92 degrees. The
-transition band (around the first and last distance that counts, and on a junction's surface) is no
-part of the balanced accuracy; it stands beside it, and in the last column it is judged as well.
-Intervals: 95 %, sites drawn with replacement.
-
-| set | sites | frames | balanced accuracy | junctions found | plain road found | transition \
-band | with the band |
-|---|---|---|---|---|---|---|---|
-{table}
-
-Made by `{command}`.
-"""
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Judge and write the card and its figures beside the model."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("model", type=Path)
-    parser.add_argument("sets", nargs="+", metavar="NAME=FILE.npz")
-    options = parser.parse_args(argv)
-    rows: list[Figures] = []
-    for item in options.sets:
-        name, _, path = item.partition("=")
-        samples = Samples.load(Path(path))
-        rows.append(figures(name.replace("_", " "), samples, probabilities(options.model, samples)))
-        print(rows[-1].model_dump_json())
-    sets = " ".join(f"{s.partition('=')[0]}={Path(s.partition('=')[2]).name}" for s in options.sets)
-    command = f"python -m juncnet.learning.evaluate models/{options.model.name} {sets}"
-    options.model.with_suffix(".md").write_text(card(options.model, rows, command))
-    data = {"command": command, "sets": [row.model_dump() for row in rows]}
-    options.model.with_suffix(".json").write_text(json.dumps(data, indent=2) + "\n")
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+def _common_classes(
+    of_model: tuple[str, ...],
+    probability: NDArray[np.float32],
+    of_data: tuple[str, ...],
+    label: NDArray[np.int64],
+) -> tuple[tuple[str, ...], NDArray[np.float32], NDArray[np.int64]]:
+    """Return classes, probabilities (N, K) and labels (N,) that mean the same."""
+    if set(of_model) == set(of_data):
+        places = np.array([*(of_model.index(name) for name in of_data), -1])
+        return of_model, probability, places[label]
+    two = next((c for c in (of_model, of_data) if len(c) == 2 and NONE in c), None)
+    if two is None or NONE not in of_model or NONE not in of_data:
+        raise ValueError(
+            f"the model tells {', '.join(of_model)}; the data have {', '.join(of_data)}: these "
+            f"cannot be compared, unless both have {NONE!r} and one of them only one other class"
+        )
+    other = next(name for name in two if name != NONE)
+    plain = probability[:, of_model.index(NONE)]
+    merged = np.where(label < 0, -1, (label != of_data.index(NONE)).astype(np.int64))
+    return (NONE, other), np.stack([plain, 1 - plain], axis=1), merged

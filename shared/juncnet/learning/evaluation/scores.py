@@ -104,6 +104,18 @@ class Scores(GroupScore):
     latency: Latency | None = None
 
 
+def main_figures(answers: Answers) -> GroupScore:
+    """Return the main figures of all answers that have a label.
+
+    Raises:
+        ValueError: none has.
+    """
+    judged = answers.where(answers.label >= 0)
+    if not len(judged):
+        raise ValueError("no picture belongs to a class: there is nothing to judge")
+    return _group_score(judged, _SiteSums(judged))
+
+
 def score(answers: Answers, sites_known: bool = True) -> Scores:
     """Return the figures of these answers.
 

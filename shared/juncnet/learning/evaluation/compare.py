@@ -1,0 +1,120 @@
+"""The paper's Table IV on one's own data: every contestant on the same pictures."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from juncnet.features import Preprocessing
+from juncnet.learning.datasets import Dataset
+from juncnet.learning.evaluate import sites_of
+from juncnet.learning.evaluation.answers import Answers
+from juncnet.learning.evaluation.contestants import Budget, Trained, train
+from juncnet.learning.evaluation.protocols import Parts
+from juncnet.learning.evaluation.scores import GroupScore, main_figures
+from juncnet.learning.pictures import Pictures, prepared
+
+PAPER_FIGURES = {
+    "kNN": "52.45 / 48.87",
+    "SVM": "74.34 / 68.87",
+    "1-CNN, 2-FCN": "90.12 / 91.22",
+    "AlexNet": "94.22 / 94.34",
+    "JuncNet, paper's recipe": "98.74 / 97.34",
+}
+"""Per cent on its ImageNet junctions and on its own videos: seen sites, pictures not public."""
+UNSEEN, SEEN = "unseen sites", "seen sites"
+
+
+class Entry(BaseModel):
+    """A contestant and its figures."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    how: str
+    pictures_seen: int
+    weights: int | None
+    training_cpu_s: float
+    columns: dict[str, GroupScore]
+
+
+class Comparison(BaseModel):
+    """Table IV on a dataset."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    data: str
+    command: str
+    machine: str
+    seed: int
+    epochs: float
+    n_train: int
+    train_sites: int
+    n_validation: int
+    entries: tuple[Entry, ...]
+
+    def with_entry(self, entry: Entry) -> "Comparison":
+        """Return the table with one more contestant."""
+        return self.model_copy(update={"entries": (*self.entries, entry)})
+
+
+@dataclass(frozen=True)
+class Column:
+    """A set that all are tested on."""
+
+    data: Dataset
+    pictures: Pictures
+
+
+def column(data: Dataset, limit: int | None = None) -> Column:
+    """Return a test set in memory, `limit` of its judged pictures at most, drawn at random."""
+    rows = np.flatnonzero((data.label >= 0) & np.isfinite(data.target).all(axis=1))
+    if limit is not None and len(rows) > limit:
+        rows = np.sort(np.random.default_rng(5).permutation(rows)[:limit])
+    part = data.take(rows)
+    return Column(part, prepared([part], Preprocessing()))
+
+
+def columns_of(
+    parts: Parts, also: dict[str, Dataset], limit: int | None = None
+) -> dict[str, Column]:
+    """Return what all are tested on: unseen sites, seen sites, and further sets by name."""
+    sets = {UNSEEN: parts.unseen, SEEN: parts.seen, **also}
+    return {name: column(data, limit) for name, data in sets.items()}
+
+
+def compete(
+    name: str,
+    data: Pictures,
+    validation: Pictures,
+    columns: dict[str, Column],
+    budget: Budget,
+    clock: Callable[[], float] = time.process_time,
+) -> Entry:
+    """Train a contestant and test it on every column.
+
+    Raises:
+        MissingLibraryError: scikit-learn is needed and not installed.
+    """
+    started = clock()
+    trained = train(name, data, validation, budget)
+    return Entry(
+        name=name,
+        how=trained.how,
+        pictures_seen=trained.pictures_seen,
+        weights=trained.weights,
+        training_cpu_s=clock() - started,
+        columns={title: _figures(trained, tested) for title, tested in columns.items()},
+    )
+
+
+def _figures(trained: Trained, tested: Column) -> GroupScore:
+    data = tested.data
+    site, _ = sites_of(data)
+    return main_figures(
+        Answers(
+            data.classes, trained.answer(tested.pictures.gray), tested.pictures.label, site, site
+        )
+    )
