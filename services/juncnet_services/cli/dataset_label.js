@@ -3,7 +3,7 @@
 
 const token = new URLSearchParams(location.search).get("token");
 const COLOURS = ["#64a6ff", "#ffb13d", "#58cf7d", "#ef6fae", "#b48cff", "#ffe066", "#4fd1d9", "#ff7b6b", "#b6c2d1"];
-const OUT = "#3a3f49";
+const OUT = "repeating-linear-gradient(45deg, #4a505c 0 5px, #2b2f37 5px 10px)";
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
 const AHEAD = 12;
 
@@ -55,7 +55,10 @@ async function send(action) {
 }
 
 function take(fresh) {
-  fresh.clips.forEach((c, i) => { c.times = state?.clips[i]?.times; });
+  fresh.clips.forEach((c, i) => {
+    const before = state?.clips[i];
+    if (before) Object.assign(c, { times: before.times, seen_s: Math.max(c.seen_s, before.seen_s) });
+  });
   state = fresh;
   draw();
 }
@@ -185,8 +188,10 @@ function toChange(way) {
   go(i);
 }
 
+// What each mark says, up to the next one or to where the clip was watched.
 function bars(of) {
-  return of.intervals.map(([from, to, label]) => {
+  return of.marks.map(([from, label], i) => {
+    const to = i + 1 < of.marks.length ? of.marks[i + 1][0] : Math.max(of.seen_s, from);
     const part = document.createElement("i");
     part.style.left = `${100 * from / of.duration_s}%`;
     part.style.width = `${100 * (to - from) / of.duration_s}%`;
@@ -240,7 +245,7 @@ function drawKeys(label) {
 
 function drawClips() {
   const title = document.createElement("h1");
-  const done = state.clips.filter((c) => c.intervals.length && c.seen_s >= c.duration_s - 0.05).length;
+  const done = state.clips.filter((c) => c.marks.length && c.seen_s >= c.duration_s - 0.05).length;
   title.textContent = `${done} of ${state.clips.length} clips done`;
   $("clips").replaceChildren(title, ...state.clips.map((of, i) => {
     const row = document.createElement("div");

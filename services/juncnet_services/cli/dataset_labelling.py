@@ -89,9 +89,6 @@ class Labelling:
                         "duration_s": video.duration_s,
                         "frames": len(video.times_s),
                         "marks": [(m.at_s, m.label) for m in labels.marks(name)],
-                        "intervals": [
-                            (i.start_s, i.end_s, i.label) for i in labels.intervals(name)
-                        ],
                     }
                     for name, video in self._videos.items()
                 ],

@@ -58,7 +58,7 @@ def _fixed_clips(samples: Sequence[Row], rules: Rules) -> dict[str, Split]:
     for s in samples:
         if s.split and fixed.setdefault(s.clip, s.split) != s.split:
             raise FootageError(f"{s.clip} is asked for in {fixed[s.clip]} and in {s.split}")
-    names = {(s.clip, s.site) for s in samples}
+    names = sorted({(s.clip, s.site) for s in samples})
     asked: dict[Split, tuple[str, ...]] = {
         "train": rules.train,
         "validation": rules.validation,
