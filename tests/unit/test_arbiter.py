@@ -31,10 +31,11 @@ def command(
     clock: str = CLOCK,
     sequence: int | None = None,
     epoch: int = 1,
+    velocity: Velocity = AHEAD,
 ) -> VelocityCommand:
     picture = stamp(issued if captured is None else captured, clock=clock)
     issuance = stamp(issued, sequence, epoch, clock)
-    return VelocityCommand(header=picture, issued=issuance, velocity=AHEAD)
+    return VelocityCommand(header=picture, issued=issuance, velocity=velocity)
 
 
 def order(
@@ -250,6 +251,19 @@ def test_a_latch_found_on_disk_stops_until_resumed(kind: LatchKind, now_s: float
     arbiter.override(order(OverrideKind.RESUME, now_s), at(now_s))
     arbiter.command(command(now_s), at(now_s))
     assert arbiter.step(at(now_s)).moving
+
+
+def test_no_motion_is_a_hold_whoever_asks_for_it() -> None:
+    """So a rover brakes by its braking limit when the navigator misses its inputs."""
+    arbiter = Arbiter(Rules())
+    arbiter.command(command(0.0), at(0))
+    assert arbiter.step(at(0)).moving
+    arbiter.command(command(0.1, velocity=Velocity()), at(0.1))
+    decision = arbiter.step(at(0.1))
+    assert decision.output is Output.PIPELINE
+    assert not decision.moving
+    arbiter.command(command(0.2, velocity=Velocity(yaw_rate_radps=0.3)), at(0.2))
+    assert arbiter.step(at(0.2)).moving
 
 
 def test_a_take_off_needs_rest_and_ends_stopped_in_the_air() -> None:

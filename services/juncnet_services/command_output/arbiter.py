@@ -77,8 +77,13 @@ class Decision:
 
     @property
     def moving(self) -> bool:
-        """Whether `velocity` is obeyed; otherwise the vehicle brakes."""
-        return self.output in (Output.PIPELINE, Output.MANUAL)
+        """Whether `velocity` is obeyed; otherwise the vehicle brakes.
+
+        To be told no motion at all is to be told to hold: a navigator that misses its inputs, or an
+        operator who lets go, brings the vehicle to rest by its braking limit.
+        """
+        obeyed = self.output in (Output.PIPELINE, Output.MANUAL)
+        return obeyed and self.velocity != Velocity()
 
 
 @dataclass(frozen=True)
