@@ -241,6 +241,9 @@ class BebopCore:
         if self._measured.state is FlyingState.LANDED:
             self._queues[Buffer.WITH_ACK].put(arsdk.TAKE_OFF)
 
+    def ending(self) -> list[bytes]:
+        return []
+
     def telemetry(self, now_ns: int, max_age_s: float) -> Telemetry | None:
         seen = self._measured
         limit_ns = max(max_age_s, BLIND_S) * NS_PER_S

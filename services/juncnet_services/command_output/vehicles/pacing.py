@@ -29,6 +29,10 @@ MAX_DATAGRAMS = 256
 """Received at a time: setpoints go out in time, however much comes in."""
 
 
+class LinkGoneError(OSError):
+    """The link cannot come back in this process: it ends, and its supervisor starts another."""
+
+
 class Aim(Enum):
     """What command_output called last."""
 
@@ -82,6 +86,10 @@ class Core(Protocol):
         """Take off, as far as the state of the vehicle allows."""
         ...
 
+    def ending(self) -> list[bytes]:
+        """Return what to send last, several times, when the driver is closed."""
+        ...
+
     def telemetry(self, now_ns: int, max_age_s: float) -> Telemetry | None:
         """Return the newest measurement; None when it is older."""
         ...
@@ -112,6 +120,7 @@ class PacedVehicle(ABC):
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._ended = False
         self._link_trouble = "not connected yet"
+        self._gone: LinkGoneError | None = None
         self._thread = threading.Thread(target=self._run, name="vehicle", daemon=True)
 
     @abstractmethod
@@ -133,6 +142,8 @@ class PacedVehicle(ABC):
             return self._link_trouble or self._core.trouble
 
     def send(self, velocity: Velocity, brake: bool, lasts_s: float) -> None:
+        if self._gone is not None:
+            raise self._gone
         until_ns = time.monotonic_ns() + int(lasts_s * NS_PER_S)
         self._want(Wish(Aim.FLY, velocity, brake, until_ns))
 
@@ -182,8 +193,13 @@ class PacedVehicle(ABC):
                     with self._lock:
                         self._core.connected(time.monotonic_ns())
                     self._serve(link)
+                    if self._ended:
+                        self._part(link)
                 if not self._ended:
                     self._say("the vehicle has gone silent, connecting anew")
+            except LinkGoneError as error:
+                self._gone = error
+                return
             except (OSError, ValueError) as error:
                 self._say(str(error) or type(error).__name__)
             if not self._ended:
@@ -217,6 +233,14 @@ class PacedVehicle(ABC):
             # A hold out of turn begins a new period; a late one does not shift the next.
             late = now_ns - due_ns
             due_ns = (due_ns if 0 <= late < self._period_ns else now_ns) + self._period_ns
+
+    def _part(self, link: Link) -> None:
+        for _ in range(3):
+            with self._lock:
+                packets = self._core.ending()
+            self._send(link, packets)
+            if packets:
+                time.sleep(0.05)
 
     def _receive(self, link: Link) -> None:
         for _ in range(MAX_DATAGRAMS):

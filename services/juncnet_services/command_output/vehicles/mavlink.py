@@ -1,0 +1,178 @@
+"""PX4 and ArduPilot over MAVLink: UDP or a serial port. Needs the extra [mavlink].
+
+An autopilot goes on with its last setpoint for as long as its parameters say, and then does what
+they say: they are read at connection, and where a lost link would fly on nothing takes off.
+"""
+
+import os
+import re
+import socket
+import termios
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from pydantic import Field, field_validator
+
+from juncnet_services.command_output.vehicles import DriverOptions, Hold, usual_capabilities
+from juncnet_services.command_output.vehicles.mavlink_flight import Flight, MavlinkCore
+from juncnet_services.command_output.vehicles.pacing import (
+    Link,
+    LinkGoneError,
+    PacedVehicle,
+)
+
+URL = re.compile(r"(udpin|udpout):([^:]+):(\d+)|serial:(/[^:]+):(\d+)")
+END_S = {"hold": 0.3, "land": 2.4}
+"""Time at the end for zero velocity, and for a landing to begin or a rover to be disarmed."""
+
+
+class MavlinkOptions(DriverOptions, Flight):
+    """Options of the vehicle `mavlink`."""
+
+    url: str = "udpin:127.0.0.1:14540"
+    """udpin:ADDRESS:PORT to listen, udpout:HOST:PORT to call, serial:/dev/ttyACM0:921600."""
+    at_end: Literal["hold", "land"] = "hold"
+    """What the vehicle does when command_output ends in order; a rover is disarmed by `land`."""
+    minimum_radius_m: float = Field(default=2.5, ge=0, le=100)
+    """Of a rover's turns; 0: it turns in place."""
+
+    @field_validator("url")
+    @classmethod
+    def _is_a_link(cls, url: str) -> str:
+        if URL.fullmatch(url) is None:
+            raise ValueError(
+                "write udpin:ADDRESS:PORT, udpout:HOST:PORT or serial:/dev/DEVICE:BAUD"
+            )
+        return url
+
+
+class MavlinkVehicle(PacedVehicle):
+    """An autopilot that speaks MAVLink 2."""
+
+    Options: ClassVar[type[DriverOptions]] = MavlinkOptions
+
+    def __init__(self, options: MavlinkOptions, flight_dir: Path) -> None:
+        del flight_dir
+        self._autopilot = MavlinkCore(options)
+        super().__init__(self._autopilot)
+        capabilities = usual_capabilities(options.kind, telemetry=True)
+        if options.kind == "rover":
+            radius_m = options.minimum_radius_m
+            changes = {"minimum_radius_m": radius_m, "turns_in_place": radius_m == 0}
+            capabilities = capabilities.model_copy(update=changes)
+        self.capabilities = capabilities
+        self._at_end: Literal["hold", "land"] = options.at_end
+        self._link = _open(options.url)
+        self.start()
+
+    @contextmanager
+    def connect(self) -> Generator[Link]:
+        self._link.forget()
+        yield self._link
+
+    def hold(self) -> Hold | None:
+        with self._lock:
+            packet = self._autopilot.hold_packet()
+        return Hold(self._link.fileno(), self._link.peer, (packet,))
+
+    def close(self) -> None:
+        self.finish(self._at_end == "land", END_S[self._at_end])
+        self._link.close()
+
+
+class UdpLink:
+    """Speaks with one peer: the named one, or the first that is heard."""
+
+    def __init__(self, host: str, port: int, *, listen: bool) -> None:
+        self.peer: tuple[str, int] | None = None
+        self._named = None if listen else (socket.gethostbyname(host), port)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        try:
+            self._socket.bind((host, port) if listen else ("", 0))
+        except OSError as error:
+            self._socket.close()
+            raise ValueError(
+                f"cannot listen on {host}:{port}: {error}; does another program have the port?"
+            ) from error
+
+    def forget(self) -> None:
+        """Speak with whoever is heard first from now on, unless the peer is named."""
+        self.peer = self._named
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def send(self, data: bytes) -> None:
+        if self.peer is not None:
+            self._socket.sendto(data, self.peer)
+
+    def receive(self) -> bytes | None:
+        data, sender = self._socket.recvfrom(65_535)
+        if self.peer is None:
+            self.peer = sender
+        return data if sender == self.peer else None
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class SerialLink:
+    """A serial port, raw, at `baud`."""
+
+    peer = None
+
+    def __init__(self, device: str, baud: int) -> None:
+        speed: int | None = getattr(termios, f"B{baud}", None)
+        if speed is None:
+            raise ValueError(f"{device}: {baud} is no baud rate of this system")
+        try:
+            self._port = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            raw = termios.tcgetattr(self._port)
+        except (OSError, termios.error) as error:
+            raise ValueError(
+                f"{device}: {error}; is the autopilot plugged in, is the user in group dialout?"
+            ) from error
+        raw[0] = raw[1] = raw[3] = 0
+        raw[2] = termios.CS8 | termios.CREAD | termios.CLOCAL
+        raw[4] = raw[5] = speed
+        termios.tcsetattr(self._port, termios.TCSANOW, raw)
+
+    def forget(self) -> None:
+        """Drop what has piled up while nobody read."""
+        try:
+            termios.tcflush(self._port, termios.TCIFLUSH)
+        except termios.error as error:
+            raise LinkGoneError(f"the serial port is gone: {error}") from error
+
+    def fileno(self) -> int:
+        return self._port
+
+    def send(self, data: bytes) -> None:
+        os.write(self._port, data)
+
+    def receive(self) -> bytes:
+        try:
+            data = os.read(self._port, 4096)
+        except BlockingIOError:
+            raise
+        except OSError as error:
+            raise LinkGoneError(f"the serial port is gone: {error}") from error
+        if not data:
+            raise LinkGoneError("the serial port is gone: unplugged")
+        return data
+
+    def close(self) -> None:
+        os.close(self._port)
+
+
+def _open(url: str) -> UdpLink | SerialLink:
+    """Return the link; raises `ValueError` that says what to do when it cannot be opened."""
+    match = URL.fullmatch(url)
+    assert match is not None, "validated before"
+    direction, host, port, device, baud = match.groups()
+    if device is not None:
+        return SerialLink(device, int(baud))
+    return UdpLink(host, int(port), listen=direction == "udpin")

@@ -1,0 +1,162 @@
+"""The MAVLink driver over UDP: links, the guard's packet, an end in order."""
+
+import math
+import os
+import pty
+import socket
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from juncnet.messages import Velocity
+from juncnet_services.command_output.vehicles import Vehicle, open_vehicle
+
+pytest.importorskip("pymavlink", reason="extra [mavlink] is not installed")
+
+from autopilot import FLIES_ON, STRICT, Autopilot, flying
+from juncnet_services.command_output.guard_link import GuardLink
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", 0))
+        return int(link.getsockname()[1])
+
+
+def until(condition: Callable[[], bool], what: str, timeout_s: float = 15.0) -> None:
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline_s, what
+        time.sleep(0.005)
+
+
+@contextmanager
+def linked(
+    autopilot: Autopilot, tmp_path: Path, **options: Any
+) -> Generator[tuple[Vehicle, Autopilot]]:
+    port = free_port()
+    own = {"url": f"udpin:127.0.0.1:{port}", "kind": autopilot.kind}
+    vehicle = open_vehicle("mavlink", own | options, tmp_path)
+    try:
+        with flying(autopilot, port):
+            yield vehicle, autopilot
+            vehicle.close()
+    finally:
+        vehicle.close()
+
+
+def airborne(vehicle: Vehicle, autopilot: Autopilot) -> None:
+    until(lambda: vehicle.trouble == "", vehicle.trouble)
+    vehicle.take_off()
+    until(lambda: autopilot.offboard and autopilot.height_m > 0.8, "did not take off")
+
+
+def drive(vehicle: Vehicle, seconds: float) -> None:
+    for _ in range(round(seconds / 0.04)):
+        vehicle.send(Velocity(forward_mps=1.0), brake=False, lasts_s=0.17)
+        time.sleep(0.04)
+
+
+def test_a_flight_over_udp_at_20_hz_that_ends_in_the_autopilots_hold(tmp_path: Path) -> None:
+    pilot = Autopilot("copter", STRICT, px4=True)
+    with linked(pilot, tmp_path, take_off_m=1.0) as (vehicle, autopilot):
+        airborne(vehicle, autopilot)
+        until(lambda: autopilot.setpoints[-1][1].vx == 0, "")
+        time.sleep(1.0)
+        began_s = time.monotonic()
+        drive(vehicle, 2.0)
+        assert autopilot.rate_hz(began_s, time.monotonic()) == pytest.approx(20, abs=1)
+        assert math.hypot(*autopilot.velocity[:2]) > 0.7
+        seen = vehicle.telemetry(0.2)
+        assert seen is not None
+        assert seen.flying
+    assert pilot.mode == (4, 3)
+
+
+def test_the_guard_holds_height_and_mode_with_the_newest_packet(tmp_path: Path) -> None:
+    pilot = Autopilot("copter", STRICT, px4=True)
+    with (
+        linked(pilot, tmp_path, take_off_m=1.0) as (vehicle, autopilot),
+        GuardLink(vehicle.hold(), tmp_path) as guard,
+    ):
+        airborne(vehicle, autopilot)
+        guard.beat(10.0, vehicle.hold())
+        time.sleep(0.6)
+        guard.beat(0.0, vehicle.hold())
+        before = len(autopilot.setpoints)
+        time.sleep(1.0)
+        # 20 a second of the driver's own, 20 of the guard.
+        assert len(autopilot.setpoints) - before >= 30
+        newest = [m for _, m in autopilot.setpoints[-10:]]
+        assert {m.type_mask for m in newest} == {1475}
+        assert all(m.z == pytest.approx(-1.0, abs=0.15) for m in newest)
+
+
+def test_an_autopilot_that_flies_on_is_named_over_the_link_and_stays_on_the_ground(
+    tmp_path: Path,
+) -> None:
+    pilot = Autopilot("copter", FLIES_ON, px4=True)
+    with linked(pilot, tmp_path) as (vehicle, autopilot):
+        until(lambda: "set COM_OBL_RC_ACT to 5" in vehicle.trouble, vehicle.trouble)
+        vehicle.take_off()
+        drive(vehicle, 1.5)
+        assert not autopilot.armed
+        assert autopilot.setpoints == []
+
+
+def test_no_autopilot_is_named_with_what_to_check(tmp_path: Path) -> None:
+    vehicle = open_vehicle("mavlink", {"url": f"udpin:127.0.0.1:{free_port()}"}, tmp_path)
+    until(lambda: "no heartbeat" in vehicle.trouble, vehicle.trouble)
+    vehicle.close()
+
+
+def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        port = other.getsockname()[1]
+        with pytest.raises(ValueError, match="another program"):
+            open_vehicle("mavlink", {"url": f"udpin:127.0.0.1:{port}"}, tmp_path)
+
+
+@pytest.mark.parametrize("url", ["tcp:127.0.0.1:5760", "udpin:14550", "serial:ttyACM0:57600"])
+def test_a_link_that_is_none_is_named(tmp_path: Path, url: str) -> None:
+    with pytest.raises(ValueError, match="udpin:ADDRESS:PORT"):
+        open_vehicle("mavlink", {"url": url}, tmp_path)
+
+
+def test_a_serial_port_carries_it_and_its_loss_ends_the_process(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    name = os.ttyname(theirs)
+    vehicle = open_vehicle("mavlink", {"url": f"serial:{name}:57600"}, tmp_path)
+    os.close(theirs)
+    autopilot = Autopilot("copter", STRICT, px4=True)
+    os.set_blocking(ours, False)
+    deadline_s = time.monotonic() + 10
+    while vehicle.trouble:
+        assert time.monotonic() < deadline_s, vehicle.trouble
+        now_s = time.monotonic()
+        try:
+            answers = autopilot.heard(os.read(ours, 4096), now_s)
+        except BlockingIOError:
+            answers = []
+        for packet in [*answers, *autopilot.told(now_s)]:
+            os.write(ours, packet)
+        time.sleep(0.02)
+    hold = vehicle.hold()
+    assert hold is not None
+    assert hold.address is None
+    os.close(ours)
+
+    def gone() -> bool:
+        try:
+            vehicle.send(Velocity(), brake=True, lasts_s=0.17)
+        except OSError as error:
+            return "serial port is gone" in str(error)
+        return False
+
+    until(gone, "the loss was not noticed")
+    vehicle.close()
