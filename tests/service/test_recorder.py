@@ -1,0 +1,190 @@
+"""The recorder with a fake bus: what it writes is what was said."""
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fakes import FakeBus
+from juncnet.frames import Frame, FrameLayout
+from juncnet.messages import (
+    ActiveModel,
+    Capabilities,
+    EventKind,
+    JunctionEvent,
+    Message,
+    ModelIdentity,
+    Output,
+    PixelFormat,
+    Pose,
+    Stamp,
+    VehicleState,
+    VideoPacket,
+)
+from juncnet.recording.reader import RecordingError, open_recording
+from juncnet.recording.repair import is_complete, repair
+from juncnet.recording.timeline import Shift, restamped
+from juncnet.recording.video import VideoDecoder
+from juncnet.topics import (
+    CAMERA_FRAME,
+    CAMERA_VIDEO,
+    JUNCTION_EVENT,
+    MODEL_ACTIVE,
+    VEHICLE_STATE,
+)
+from juncnet_services.recorder.service import Config, run
+from juncnet_services.recorder.video import Encoder
+
+LAYOUT = FrameLayout.packed(PixelFormat.I420, 64, 48)
+MODEL = ActiveModel(
+    model=ModelIdentity(name="m", sha256="0" * 64),
+    classes=("junction", "none"),
+    preprocessing="{}",
+    preprocessing_hash="0" * 64,
+)
+
+
+def stamp(sequence: int, epoch: int = 1) -> Stamp:
+    return Stamp(epoch=epoch, sequence=sequence, time_ns=10**9 + sequence, clock="fake-clock")
+
+
+def frame(sequence: int) -> Frame:
+    pixels = np.full(LAYOUT.nbytes, 40 + sequence % 100, np.uint8)
+    return Frame(stamp(sequence), LAYOUT, pixels)
+
+
+def state(sequence: int) -> VehicleState:
+    pose = Pose(x_m=0.5 * sequence, y_m=1.0, yaw_rad=0.2)
+    return VehicleState(
+        at=stamp(sequence), capabilities=Capabilities(), pose=pose, output=Output.PIPELINE
+    )
+
+
+def event() -> JunctionEvent:
+    return JunctionEvent(
+        header=stamp(3),
+        flight="flight-1",
+        index=0,
+        kind=EventKind.APPROACHED,
+        count=1,
+        probability=0.9,
+    )
+
+
+def recorded(folder: Path, frames: int = 10, **options: object) -> FakeBus:
+    script: list[object] = [(MODEL_ACTIVE, MODEL)]
+    for sequence in range(1, frames + 1):
+        script += [(CAMERA_FRAME, frame(sequence)), (VEHICLE_STATE, state(sequence)), 0.04]
+    script.append((JUNCTION_EVENT, event()))
+    bus = FakeBus(script)  # pyright: ignore[reportArgumentType]
+    run(bus, Config.model_validate({"folder": folder, **options}))
+    return bus
+
+
+def test_what_was_said_is_read_again(tmp_path: Path) -> None:
+    bus = recorded(tmp_path)
+    recording = open_recording(tmp_path)
+    assert recording.robot == bus.robot
+    assert recording.flight == bus.flight
+    items = list(recording.messages())
+    states: list[Message] = [i.message for i in items if i.topic.key == VEHICLE_STATE.key]
+    assert states == [state(n) for n in range(1, 11)]
+    assert [i.message for i in items if i.topic.key == JUNCTION_EVENT.key] == [event()]
+    assert [i.message for i in items if i.topic.key == MODEL_ACTIVE.key] == [MODEL]
+    times = [i.time_ns for i in items]
+    assert times == sorted(times)
+    assert bus.health.errors == []
+
+
+def test_pictures_come_back_under_their_headers(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    decoder = VideoDecoder()
+    frames = [
+        picture
+        for item in open_recording(tmp_path).messages([CAMERA_VIDEO.key])
+        for picture in decoder.decode(item.message)
+    ]
+    assert [f.header for f in frames] == [stamp(n) for n in range(1, 11)]
+    for sequence, picture in enumerate(frames, 1):
+        assert abs(float(picture.luminance().mean()) - (40 + sequence)) < 3.0
+
+
+def test_the_cameras_own_video_is_kept_as_it_came(tmp_path: Path) -> None:
+    own = VideoPacket.of(b"\0\0\0\1\x65camera", header=stamp(1), key_frame=True)
+    run(FakeBus([(CAMERA_VIDEO, own)]), Config(folder=tmp_path, video=False))
+    (item,) = open_recording(tmp_path).messages([CAMERA_VIDEO.key])
+    assert bytes(item.message.payload) == bytes(own.payload)
+    assert item.message.header == own.header
+
+
+def test_a_full_file_is_followed_by_one_that_opens_by_itself(tmp_path: Path) -> None:
+    bus = FakeBus([])
+    from juncnet_services.recorder.session import Limits, begin
+
+    session = begin(bus, tmp_path, Limits(20_000, 0, 0))
+    session.write("robot", MODEL_ACTIVE, MODEL)
+    for sequence in range(300):
+        session.write("robot", VEHICLE_STATE, state(sequence))
+    session.close()
+    files = sorted(tmp_path.glob("*.mcap"))
+    assert len(files) > 1
+    whole = [i.message for i in open_recording(files[0]).messages([VEHICLE_STATE.key])]
+    assert whole == [state(n) for n in range(300)]
+    last = Counter(i.topic.key for i in open_recording(files[-1]).messages())
+    assert last[MODEL_ACTIVE.key] == 1
+    assert all(is_complete(file) for file in files)
+
+
+def test_a_disk_without_room_ends_the_recording_with_a_complete_file(tmp_path: Path) -> None:
+    bus = recorded(tmp_path, stop_free_mb=10**9, warn_free_mb=10**9)
+    assert any("full" in text for text in bus.health.errors)
+    assert all(is_complete(path) for path in tmp_path.glob("*.mcap"))
+
+
+def test_low_disk_is_said_before_it_is_full(tmp_path: Path) -> None:
+    bus = recorded(tmp_path, stop_free_mb=0, warn_free_mb=10**9)
+    assert [text for text in bus.health.errors if "nearly full" in text]
+    assert len(list(open_recording(tmp_path).messages([VEHICLE_STATE.key]))) == 10
+
+
+@pytest.mark.parametrize("kept", [0.3, 0.7, 0.95])
+def test_a_truncated_recording_opens_and_is_repaired(tmp_path: Path, kept: float) -> None:
+    recorded(tmp_path, frames=400)
+    (path,) = tmp_path.glob("*.mcap")
+    whole = len(list(open_recording(path).messages()))
+    data = path.read_bytes()
+    path.write_bytes(data[: int(kept * len(data))])
+    assert not is_complete(path)
+    left = list(open_recording(path).messages())
+    assert 0.5 * kept * whole < len(left) <= whole
+    repair(path)
+    assert is_complete(path)
+    assert [i.message for i in open_recording(path).messages()] == [i.message for i in left]
+
+
+def test_what_is_no_recording_is_refused_by_name(tmp_path: Path) -> None:
+    noise = tmp_path / "noise.mcap"
+    noise.write_bytes(b"no MCAP at all")
+    with pytest.raises(RecordingError, match=r"noise\.mcap: not an MCAP file"):
+        open_recording(noise)
+    with pytest.raises(RecordingError, match="no recording"):
+        open_recording(tmp_path)
+    with pytest.raises(RecordingError, match="No such file"):
+        open_recording(tmp_path / "absent.mcap")
+
+
+def test_restamping_keeps_order_and_distances() -> None:
+    shift = Shift(10**9, 5 * 10**9, "now", epoch=70, speed=2.0, epochs=(1, 2))
+    moved = restamped(event(), shift)
+    assert moved.header == Stamp(epoch=70, sequence=3, time_ns=5 * 10**9 + 2, clock="now")
+    assert shift.stamp(stamp(1, epoch=2)).epoch == 71
+    assert moved.model_copy(update={"header": event().header}) == event()
+
+
+def test_a_new_size_begins_with_a_key_frame() -> None:
+    encoder = Encoder(24, 25)
+    first, second = encoder.encode(frame(1)), encoder.encode(frame(2))
+    wide = FrameLayout.packed(PixelFormat.I420, 96, 48)
+    other = encoder.encode(Frame(stamp(3), wide, np.zeros(wide.nbytes, np.uint8)))
+    assert (first.key_frame, second.key_frame, other.key_frame) == (True, False, True)
