@@ -150,8 +150,8 @@ class ZenohBus(ServiceProcess):
         return inbox
 
     def unsubscribe(self, inbox: Inbox[Any]) -> None:
-        self._inputs = [w for w in self._inputs if w is not inbox]
-        self._waking = [w for w in self._waking if w is not inbox]
+        self._inputs = [w for w in self._inputs if id(w) != id(inbox)]
+        self._waking = [w for w in self._waking if id(w) != id(inbox)]
         for subscriber in self._subscribers.pop(id(inbox)):
             with contextlib.suppress(zenoh.ZError):
                 subscriber.undeclare()

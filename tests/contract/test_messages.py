@@ -18,6 +18,7 @@ FEATURES = m.Features.from_array(np.ones((2, 64, 64), np.float32), STAMP, SHA)
 
 EXAMPLES: dict[str, Message] = {
     "camera/image": m.JpegImage.of(b"\xff\xd8..", header=STAMP, width=4, height=2),
+    "camera/key_frame": m.KeyFrameRequest(at=STAMP),
     "camera/video": m.VideoPacket.of(b"\0\0\0\1", header=STAMP, key_frame=True),
     "radon/features": FEATURES,
     "junction/score": m.JunctionScore(

@@ -125,6 +125,9 @@ class StuckCamera:
     def access_units(self) -> list[AccessUnit]:
         return []
 
+    def want_key_frame(self) -> None:
+        pass
+
     def close(self) -> None:
         pass
 

@@ -44,6 +44,8 @@ class AccessUnit:
     key_frame: bool
     captured_ns: int
     lost_before: int
+    header: Stamp | None = None
+    """Set where the camera is another host's, which has stamped it."""
 
 
 @dataclass
@@ -95,6 +97,10 @@ class Camera(Protocol):
 
     def access_units(self) -> list[AccessUnit]:
         """Remove and return the access units that arrived, oldest first; none if not H.264."""
+        ...
+
+    def want_key_frame(self) -> None:
+        """Ask the camera for a key frame, if it can be asked: somebody cannot decode without."""
         ...
 
     def close(self) -> None:

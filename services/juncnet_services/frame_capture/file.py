@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import av
 from av.container import InputContainer
@@ -11,30 +11,16 @@ from av.error import FFmpegError
 from av.packet import Packet
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
-from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.clocks import Clock
 from juncnet_services.frame_capture.contract import AccessUnit, CameraError, Counts, Picture
 from juncnet_services.frame_capture.decoding import Decoder
-from juncnet_services.frame_capture.pacing import Pace, Pacer
+from juncnet_services.frame_capture.pacing import Pacer
 from juncnet_services.frame_capture.planes import picture_of
+from juncnet_services.frame_capture.sources import FileSource
 
 USUAL_FPS = 25.0
 """For files that do not tell their rate."""
-
-
-class FileSource(BaseModel):
-    """A video file that FFmpeg reads."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    kind: Literal["file"]
-    path: Path = Field(description="The video file; relative to the working directory.")
-    pace: Pace = Field(
-        default=Pace.REALTIME,
-        description="realtime: by the file's time stamps; fastest: no waiting.",
-    )
-    loop: bool = Field(default=False, description="Begin again at the end.")
 
 
 class FileCamera:
@@ -81,6 +67,9 @@ class FileCamera:
         """Remove and return the access units up to the newest picture."""
         units, self._units = self._units, []
         return units
+
+    def want_key_frame(self) -> None:
+        """Do nothing: a recording has those that it has."""
 
     def close(self) -> None:
         """Close the file."""

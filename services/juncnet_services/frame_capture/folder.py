@@ -4,32 +4,19 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import cv2
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.clocks import Clock
 from juncnet.frames import FrameLayout
 from juncnet.messages import PixelFormat
 from juncnet_services.frame_capture.contract import AccessUnit, CameraError, Counts, Picture
-from juncnet_services.frame_capture.pacing import Pace, Pacer
+from juncnet_services.frame_capture.pacing import Pacer
 from juncnet_services.frame_capture.planes import write_pixels
+from juncnet_services.frame_capture.sources import FolderSource
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
-
-
-class FolderSource(BaseModel):
-    """The pictures in a folder; other files in it are left alone."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    kind: Literal["folder"]
-    path: Path = Field(description="The folder; relative to the working directory.")
-    fps: float = Field(default=25.0, gt=0, le=1000, description="Pictures a second.")
-    pace: Pace = Field(default=Pace.REALTIME, description="fastest: do not wait between pictures.")
-    loop: bool = Field(default=False, description="Begin again after the last.")
 
 
 class FolderCamera:
@@ -71,6 +58,9 @@ class FolderCamera:
     def access_units(self) -> list[AccessUnit]:
         """Return nothing: these are no H.264 pictures."""
         return []
+
+    def want_key_frame(self) -> None:
+        """Do nothing: these are no H.264 pictures."""
 
     def close(self) -> None:
         """Do nothing: no file stays open."""

@@ -4,7 +4,6 @@ import threading
 from collections.abc import Callable
 from queue import Empty, Full, Queue
 
-import cv2
 from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.clocks import NS_PER_S
@@ -28,6 +27,8 @@ class JpegOptions(BaseModel):
 
 def encode_jpeg(frame: Frame, options: JpegOptions) -> JpegImage:
     """Return the picture as JPEG, at most `options.max_width` wide, under the frame's header."""
+    import cv2
+
     pixels = frame.bgr()
     if frame.width > options.max_width:
         height = max(1, round(frame.height * options.max_width / frame.width))

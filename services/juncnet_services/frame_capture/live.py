@@ -36,8 +36,9 @@ class LiveCamera:
     live = True
     ended = False
 
-    def __init__(self, connect: Connect) -> None:
+    def __init__(self, connect: Connect, ask_key_frame: Callable[[], None] | None = None) -> None:
         self.counts = Counts()
+        self._ask_key_frame = ask_key_frame
         self._connect = connect
         self._picture: Picture | None = None
         self._units: deque[AccessUnit] = deque(maxlen=UNITS_KEPT)
@@ -67,6 +68,11 @@ class LiveCamera:
             units = list(self._units)
             self._units.clear()
         return units
+
+    def want_key_frame(self) -> None:
+        """Ask the camera for a key frame, if it can be asked."""
+        if self._ask_key_frame is not None:
+            self._ask_key_frame()
 
     def close(self) -> None:
         """Ask the thread to end and wait for it a little: a blocked read ends by its time limit."""

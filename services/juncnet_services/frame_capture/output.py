@@ -1,5 +1,7 @@
 """Pictures of a camera onto the bus: frame first, then what else is wanted; and their health."""
 
+from functools import partial
+
 import numpy as np
 
 from juncnet.bus import Bus
@@ -19,7 +21,8 @@ class CameraOutput:
         self._camera = camera
         self._writer = bus.frames_out(CAMERA_FRAME)
         self._gate = FrozenGate(frozen_limit)
-        self._jpeg = JpegEncoder(jpeg, lambda image: bus.publish(CAMERA_IMAGE, image))
+        self._jpeg_options = jpeg
+        self._encoder: JpegEncoder | None = None
         self._frames = 0
         self._units = 0
 
@@ -39,12 +42,26 @@ class CameraOutput:
             picture.write(pixels)
             self._jpeg.offer(Frame(header, picture.layout, pixels), taken_ns)
 
+    @property
+    def _jpeg(self) -> JpegEncoder:
+        if self._encoder is None:
+            publish = partial(self._bus.publish, CAMERA_IMAGE)
+            self._encoder = JpegEncoder(self._jpeg_options, publish)
+        return self._encoder
+
     def forward(self) -> None:
-        """Publish the access units that arrived as camera/video, while somebody subscribes."""
+        """Publish the access units that arrived as camera/video, while somebody subscribes.
+
+        They are numbered whether published or not, so that who listens later sees what is missing.
+        """
         units = self._camera.access_units()
-        if units and self._bus.wanted(CAMERA_VIDEO):
-            for unit in units:
-                self._bus.publish(CAMERA_VIDEO, self._packet(unit))
+        wanted = bool(units) and self._bus.wanted(CAMERA_VIDEO)
+        for unit in units:
+            packet = self._packet(unit)
+            if wanted:
+                self._bus.publish(CAMERA_VIDEO, packet)
+            if not self._frames:
+                self._bus.health.output(unit.captured_ns, packet.header)
 
     def report(self) -> None:
         """Tell the health what the camera has met."""
@@ -57,7 +74,8 @@ class CameraOutput:
 
     def close(self) -> None:
         """End the encoder."""
-        self._jpeg.close()
+        if self._encoder is not None:
+            self._encoder.close()
 
     def _moves(self, frame: Frame) -> bool:
         shown = self._gate.accept(fingerprint(frame))
@@ -71,7 +89,7 @@ class CameraOutput:
         return shown
 
     def _packet(self, unit: AccessUnit) -> VideoPacket:
-        header = self._stamp(self._units, unit.captured_ns)
+        header = unit.header or self._stamp(self._units, unit.captured_ns)
         self._units += 1
         return VideoPacket.of(
             unit.payload, header=header, key_frame=unit.key_frame, lost_before=unit.lost_before

@@ -1,14 +1,17 @@
 """Decoded pictures as frames: which layout, and their planes copied once into the transport."""
 
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
 from juncnet.frames import FrameLayout
 from juncnet.messages import PixelFormat
 from juncnet_services.frame_capture.contract import Picture
+
+if TYPE_CHECKING:
+    from av.video.frame import VideoFrame
 
 FORMATS = {
     "yuv420p": PixelFormat.I420,
@@ -21,7 +24,7 @@ FORMATS = {
 PLANAR = (PixelFormat.I420, PixelFormat.NV12)
 
 
-def picture_of(frame: VideoFrame, captured_ns: int) -> Picture:
+def picture_of(frame: "VideoFrame", captured_ns: int) -> Picture:
     """Return the picture of a decoded frame, its planes not copied yet.
 
     I420 and NV12 need even sizes: the last column or row of an odd picture is left out.
@@ -38,7 +41,7 @@ def picture_of(frame: VideoFrame, captured_ns: int) -> Picture:
     return Picture(layout, partial(write_planes, frame, layout), captured_ns)
 
 
-def write_planes(frame: VideoFrame, layout: FrameLayout, out: NDArray[np.uint8]) -> None:
+def write_planes(frame: "VideoFrame", layout: FrameLayout, out: NDArray[np.uint8]) -> None:
     """Copy the planes of `frame`, without padding, into `out`: flat uint8 of `layout.nbytes`."""
     start = 0
     for index, plane in enumerate(frame.planes):

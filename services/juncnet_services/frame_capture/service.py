@@ -10,11 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.bus import Bus
 from juncnet.launch import launch
-from juncnet_services.frame_capture.cameras import Source, open_camera
+from juncnet.topics import CAMERA_KEY_FRAME
+from juncnet_services.frame_capture.cameras import open_camera
 from juncnet_services.frame_capture.contract import CameraError
 from juncnet_services.frame_capture.jpeg import JpegOptions
 from juncnet_services.frame_capture.output import CameraOutput
-from juncnet_services.frame_capture.simulated import SimulatedSource
+from juncnet_services.frame_capture.sources import RemoteSource, SimulatedSource, Source
 
 WAIT_S = 0.2
 EXIT_BAD_SOURCE = 2
@@ -26,7 +27,7 @@ class Config(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     source: Source = Field(
-        default=SimulatedSource(), description="The camera, by its `kind`; see cameras.py."
+        default=SimulatedSource(), description="The camera, by its `kind`; see sources.py."
     )
     decode: bool = Field(
         default=True,
@@ -50,6 +51,8 @@ def run(bus: Bus, config: Config) -> None:
     Raises:
         SystemExit: code 2, the recording cannot be read; the log says why.
     """
+    remote = isinstance(config.source, RemoteSource)
+    wishes = None if remote else bus.subscribe(CAMERA_KEY_FRAME, wakes=False)
     try:
         with (
             closing(open_camera(config.source, bus, decode=config.decode)) as camera,
@@ -60,6 +63,8 @@ def run(bus: Bus, config: Config) -> None:
                     if picture is not None:
                         output.show(picture)
                 output.forward()
+                if wishes is not None and wishes.take() is not None:
+                    camera.want_key_frame()
                 output.report()
                 if camera.ended:
                     bus.wait(WAIT_S)

@@ -3,21 +3,10 @@
 from collections.abc import Generator
 from contextlib import contextmanager
 from functools import partial
-from typing import Literal
-
-from pydantic import BaseModel, ConfigDict
 
 from juncnet.frames import FrameReader
 from juncnet_services.frame_capture.contract import AccessUnit, Counts, Picture
 from juncnet_services.frame_capture.planes import write_pixels
-
-
-class SimulatedSource(BaseModel):
-    """The frames of topic simulator/camera, on this host."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    kind: Literal["simulated"] = "simulated"
 
 
 class SimulatedCamera:
@@ -51,6 +40,9 @@ class SimulatedCamera:
     def access_units(self) -> list[AccessUnit]:
         """Return nothing: these pictures were never encoded."""
         return []
+
+    def want_key_frame(self) -> None:
+        """Do nothing: these pictures were never encoded."""
 
     def close(self) -> None:
         """Do nothing: the reader belongs to the bus."""

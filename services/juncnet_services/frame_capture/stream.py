@@ -4,12 +4,10 @@ import io
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
 
 import av
 from av.container import InputContainer
 from av.error import ExitError, FFmpegError
-from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.clocks import Clock
 from juncnet.messages import MessageError
@@ -17,6 +15,7 @@ from juncnet_services.frame_capture.contract import CameraError, Counts
 from juncnet_services.frame_capture.decoding import Decoder
 from juncnet_services.frame_capture.live import Arrival, Connect
 from juncnet_services.frame_capture.planes import picture_of
+from juncnet_services.frame_capture.sources import RtpSource, StreamSource
 
 LOW_LATENCY = {
     "fflags": "nobuffer",
@@ -28,51 +27,6 @@ LOW_LATENCY = {
 }
 """FFmpeg options of every stream; `max_delay` (in us) bounds the wait for reordered packets."""
 PROTOCOLS = "file,crypto,data,rtp,udp,tcp,rtsp,tls,http,https"
-
-
-class StreamSource(BaseModel):
-    """A stream named by a URL, or described by an SDP file."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    kind: Literal["stream"]
-    url: str = Field(
-        min_length=1,
-        description="rtsp://host/path, udp://0.0.0.0:port (MPEG-TS), tcp://host:port, or the path "
-        "of an .sdp file.",
-    )
-    format: str | None = Field(
-        default=None, description="FFmpeg's name of the container where it cannot guess: h264."
-    )
-    transport: Literal["tcp", "udp"] = Field(
-        default="tcp", description="How RTSP carries its packets: tcp loses none, udp is quicker."
-    )
-    connect_timeout_s: float = Field(
-        default=10.0, gt=0, le=120, description="For the first packets, a key frame included."
-    )
-    stall_s: float = Field(
-        default=2.0, gt=0, le=120, description="A stream silent for so long is reconnected."
-    )
-
-
-class RtpSource(BaseModel):
-    """H.264 over RTP to a port of this host, without a session protocol (Parrot: 55004)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    kind: Literal["rtp"]
-    port: int = Field(ge=1, le=65535, description="UDP port that the camera sends to.")
-    address: str = Field(
-        default="0.0.0.0", description="Local or multicast address that it sends to."
-    )
-    payload: int = Field(default=96, ge=0, le=127, description="RTP payload type.")
-    codec: Literal["h264"] = Field(default="h264", description="What the payload is.")
-    connect_timeout_s: float = Field(
-        default=10.0, gt=0, le=120, description="For the first packets, a key frame included."
-    )
-    stall_s: float = Field(
-        default=2.0, gt=0, le=120, description="A stream silent for so long is reconnected."
-    )
 
 
 def make_sdp(source: RtpSource) -> str:

@@ -2,34 +2,14 @@
 
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Literal
 
 import av
-from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.clocks import Clock
 from juncnet_services.frame_capture.contract import CameraError, Counts
 from juncnet_services.frame_capture.live import Arrival, Connect
+from juncnet_services.frame_capture.sources import DeviceSource
 from juncnet_services.frame_capture.stream import explained, read
-
-
-class DeviceSource(BaseModel):
-    """A V4L2 device."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    kind: Literal["v4l2"]
-    device: Path = Field(default=Path("/dev/video0"), description="The device file.")
-    width: int = Field(default=1920, ge=2, le=16384, description="Asked of the device [px].")
-    height: int = Field(default=1080, ge=2, le=16384, description="Asked of the device [px].")
-    fps: float = Field(default=25.0, gt=0, le=1000, description="Asked of the device.")
-    input_format: str | None = Field(
-        default=None, description="FFmpeg's name of what to ask for: mjpeg, h264, yuyv422, nv12."
-    )
-    stall_s: float = Field(
-        default=2.0, gt=0, le=120, description="A device silent for so long is opened again."
-    )
 
 
 def device_connector(source: DeviceSource, clock: Clock, *, decode: bool) -> Connect:

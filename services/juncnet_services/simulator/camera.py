@@ -8,7 +8,7 @@ from juncnet.simulation.dynamics import Motion
 from juncnet.simulation.render import Renderer
 from juncnet.simulation.world import World
 from juncnet.topics import SIMULATOR_CAMERA
-from juncnet_services.simulator.setup import Config, make_camera, starting_motion
+from juncnet_services.simulator.setup import Config, make_camera, make_video, starting_motion
 
 
 class Camera:
@@ -20,6 +20,7 @@ class Camera:
         self._ground_m = starting_motion(config, world, geometry).z_m
         self._layout = FrameLayout.packed(PixelFormat.I420, config.width, config.height)
         self._frames = bus.frames_out(SIMULATOR_CAMERA)
+        self._video = make_video(config)
         self._renderer = Renderer(
             world, config.width, config.height, geometry, config.noise, config.seed
         )
@@ -44,4 +45,11 @@ class Camera:
             motion.pitch_rad,
             out=loan.pixels,
         )
+        if self._video is not None:
+            self._video.offer(loan.pixels)
         loan.send(header)
+
+    def close(self) -> None:
+        """End the stream."""
+        if self._video is not None:
+            self._video.close()

@@ -1,5 +1,7 @@
 """simulator: vehicle link -> simulator/camera, simulator/truth."""
 
+from contextlib import closing
+
 from juncnet.bus import Bus
 from juncnet.launch import launch
 from juncnet.messages import Stamp
@@ -55,7 +57,10 @@ def run(bus: Bus, config: Config) -> None:
     """Fly what the vehicle link says and show it until the bus ends."""
     simulation = Simulation(bus, config)
     camera, truth = Pace(config.fps), Pace(config.truth_hz)
-    with simulation.drone.linked(bus.flight_dir, bus.clock.now_ns):
+    with (
+        closing(simulation.camera),
+        simulation.drone.linked(bus.flight_dir, bus.clock.now_ns),
+    ):
         while bus.running:
             if truth.due(bus.clock.now_ns()):
                 simulation.tell_truth()

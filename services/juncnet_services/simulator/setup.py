@@ -7,9 +7,12 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from juncnet.camera import CameraGeometry
+from juncnet.frames import FrameLayout
+from juncnet.messages import PixelFormat
 from juncnet.simulation.dynamics import CALM, Copter, Drift, Motion, Rover, Vehicle
 from juncnet.simulation.towns import make_style, named_world, random_world
 from juncnet.simulation.world import TimeOfDay, World
+from juncnet_services.simulator.video import VideoOptions, VideoStream
 
 ROVER_CAMERA = CameraGeometry(height_m=1.5, pitch_rad=math.radians(12.0))
 
@@ -33,6 +36,8 @@ class Config(BaseModel):
     width: int = Field(default=1920, ge=16, le=8192, multiple_of=2)
     height: int = Field(default=1080, ge=16, le=8192, multiple_of=2)
     fps: float = Field(default=25.0, gt=0, le=240)
+    video: VideoOptions | None = None
+    """Also send the camera as H.264 over RTP; None: raw frames on this host only."""
     noise: float = Field(default=2.0, ge=0, le=50)
     """Standard deviation of the sensor's noise, grey levels."""
     speed_error: float = Field(default=1.0, ge=0.5, le=1.5)
@@ -80,3 +85,11 @@ def starting_motion(config: Config, world: World, camera: CameraGeometry) -> Mot
     start = world.start
     z_m = camera.height_m if config.vehicle == "copter" else 0.0
     return Motion(start.x_m, start.y_m, z_m, start.yaw_rad)
+
+
+def make_video(config: Config) -> VideoStream | None:
+    """Return the camera's network stream, if there is to be one."""
+    if config.video is None:
+        return None
+    layout = FrameLayout.packed(PixelFormat.I420, config.width, config.height)
+    return VideoStream(layout, config.fps, config.video)

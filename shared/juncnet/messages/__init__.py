@@ -32,7 +32,7 @@ from juncnet.messages.motion import (
     Velocity,
     VelocityCommand,
 )
-from juncnet.messages.pictures import JpegImage, PixelFormat, VideoPacket
+from juncnet.messages.pictures import JpegImage, KeyFrameRequest, PixelFormat, VideoPacket
 from juncnet.messages.scores import ActiveModel, Features, JunctionScore, LoadModel, ModelIdentity
 from juncnet.messages.simulation import SimulatorTruth
 from juncnet.messages.vehicle import (
@@ -58,6 +58,7 @@ __all__ = [
     "JpegImage",
     "JunctionEvent",
     "JunctionScore",
+    "KeyFrameRequest",
     "LoadFollower",
     "LoadModel",
     "Message",

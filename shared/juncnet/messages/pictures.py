@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from juncnet.messages.base import BulkMessage, MessageError, Stamp
+from juncnet.messages.base import BulkMessage, Message, MessageError, Stamp
 
 
 class PixelFormat(StrEnum):
@@ -29,6 +29,12 @@ class JpegImage(BulkMessage):
     def check_payload(self) -> None:
         if bytes(self.payload[:2]) != b"\xff\xd8":
             raise MessageError("JpegImage.payload: not a JPEG (it must begin with FF D8)")
+
+
+class KeyFrameRequest(Message):
+    """Somebody cannot decode camera/video before the next key frame: it had better come soon."""
+
+    at: Stamp
 
 
 class VideoPacket(BulkMessage):
