@@ -55,7 +55,7 @@ START_S = 30.0
 PATIENCE = 2.0
 """A flight ends unfinished after this many times its ideal time."""
 AFTER_FINISH_S = 1.0
-DASHBOARD = "dashboard"
+DASHBOARD, RECORDER = "dashboard", "recorder"
 EXIT_CODES = {"flown_right": 0, "failed": 1, "void": 3}
 
 
@@ -262,6 +262,9 @@ def arguments(argv: list[str]) -> argparse.Namespace:
         default=True,
         help="a page to watch and command the flight; its address is printed",
     )
+    parser.add_argument(
+        "--record", action="store_true", help="record the flight to ./recordings (extra [record])"
+    )
     parser.add_argument("--keep", action="store_true", help="keep the flight's logs")
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.OPTION=VALUE", help="repeatable"
@@ -275,7 +278,8 @@ def main(argv: list[str]) -> int:
     try:
         mission = load_mission(options.mission) if options.mission else None
         setup = prepare(options.vehicle, options.world, options.seed, mission, options.set)
-        demo = Demo(setup, (DASHBOARD,) if options.dashboard else ())
+        asked = {DASHBOARD: options.dashboard, RECORDER: options.record}
+        demo = Demo(setup, [name for name, wanted in asked.items() if wanted])
     except (LayoutError, ValueError, OSError) as error:
         print(f"juncnet demo: {error}", file=sys.stderr)
         return 2
