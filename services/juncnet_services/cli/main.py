@@ -17,6 +17,7 @@ COMMANDS = {
     "manual": ("manual", "fly by keyboard"),
     "emergency": ("operator", "cut the motors (asks twice)"),
     "certificates": ("certificates", "make a CA and one certificate a role, for links to others"),
+    "train": ("train", "train a model on labelled pictures, from nothing or from a model"),
     "dataset": ("dataset", "pictures to learn from: extract, label, check, synthesise, film"),
     "record": ("record", "record every topic of a robot to MCAP files"),
     "replay": ("replay", "play a recording into the pipeline, or check what would change"),

@@ -26,15 +26,18 @@ def vary(gray: Bytes, rng: np.random.Generator, strength: float) -> Bytes:
     """
     if strength == 0:
         return gray
-    n, size = gray.shape[:2]
+    n, size = len(gray), gray.shape[1]
     x = _toned(gray, rng, strength)
     ramp = np.linspace(-1, 1, size, dtype=np.float32)
     x += rng.normal(0, 0.05 * strength, (n, 1, 1)).astype(np.float32) * ramp[None, :, None]
     x += rng.normal(0, 0.05 * strength, (n, 1, 1)).astype(np.float32) * ramp[None, None, :]
-    for index in np.flatnonzero(rng.uniform(size=n) < 0.3 * strength):
-        cv2.GaussianBlur(x[index], (0, 0), float(rng.uniform(0.3, 0.9)), dst=x[index])
-    for index in np.flatnonzero(rng.uniform(size=n) < 0.2 * strength):
-        _patch(x[index], rng)
+    blurred = rng.random(n) < 0.3 * strength
+    patched = rng.random(n) < 0.2 * strength
+    for index in range(n):
+        if blurred[index]:
+            cv2.GaussianBlur(x[index], (0, 0), float(rng.uniform(0.3, 0.9)), dst=x[index])
+        if patched[index]:
+            _patch(x[index], rng)
     deviation = rng.uniform(0, 0.03 * strength, (n, 1, 1)).astype(np.float32)
     x += rng.standard_normal(x.shape, np.float32) * deviation
     return (np.clip(x, 0, 1) * 255.0 + 0.5).astype(np.uint8)

@@ -49,7 +49,7 @@ def drawn_eye(street: Street, rng: np.random.Generator) -> Eye:
 
 def street_samples(seed: int, n: int) -> Samples:
     """Return `n` labelled pictures of streets drawn by `seed`; the site is the seed."""
-    rng = np.random.default_rng([seed, 79])
+    rng = np.random.default_rng([abs(seed), 79])
     gray = np.empty((n, SIZE, SIZE), np.uint8)
     masks = np.empty((n, MASK_SIZE, MASK_SIZE), np.uint8)
     label, mouth = np.empty(n, np.uint8), np.full(n, math.inf, np.float32)

@@ -1,175 +1,231 @@
-"""Trains a junction network on labelled pictures and exports it to ONNX.
-
-python -m juncnet.learning.train DATA.npz ... --validation VAL.npz --out models/juncnet.onnx
-"""
+"""From datasets to a model file: split, train, export, and say how it went."""
 
 # Torch leaves these of its own members without types.
 # pyright: reportUnknownMemberType=false
 
-import argparse
-import math
-import time
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch import Tensor, nn
 
 from juncnet.camera import FAR_HEIGHTS, NEAR_ROW
-from juncnet.features import Extractor, Preprocessing
-from juncnet.learning.export import export
-from juncnet.learning.samples import Samples
-from juncnet.modelfile import ModelMetadata
-from juncnet.network import Architecture, build, parameters
+from juncnet.features import Extractor
+from juncnet.inference import Network
+from juncnet.learning.datasets import Dataset, DatasetError
+from juncnet.learning.export import Exported, export
+from juncnet.learning.fit import Point, Trainer
+from juncnet.learning.footage.intervals import FootageError
+from juncnet.learning.footage.splits import deal_groups
+from juncnet.learning.pictures import prepared
+from juncnet.learning.recipes import FINE_TUNING_RATE, Recipe
+from juncnet.learning.weights import WeightsError, start_from
+from juncnet.modelfile import ModelFileError, ModelMetadata
+from juncnet.network import Architecture, build
+
+HELD_OUT = 0.15
+"""Share of the sites that is judged and not trained on, where a dataset has no validation part."""
+Progress = Callable[[int, int, list[Point]], None]
 
 
-def augment(gray: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Return pictures (N, S, S) of random mirror, contrast, brightness, gamma, shade, noise."""
-    n = len(gray)
-    x = gray.astype(np.float32) / 255.0
-    mirrored = rng.random(n) < 0.5
-    x[mirrored] = x[mirrored, :, ::-1]
-    shape = (n, 1, 1)
-    x **= np.exp(rng.normal(0, 0.25, shape)).astype(np.float32)
-    x = (x - 0.5) * rng.uniform(0.6, 1.3, shape).astype(np.float32) + 0.5
-    x += rng.uniform(-0.12, 0.12, shape).astype(np.float32)
-    ramp = np.linspace(-1, 1, gray.shape[1], dtype=np.float32)
-    x += rng.normal(0, 0.05, shape).astype(np.float32) * ramp[None, :, None]
-    x += rng.normal(0, 0.05, shape).astype(np.float32) * ramp[None, None, :]
-    x += rng.standard_normal(x.shape, np.float32) * rng.uniform(0, 0.03, shape).astype(np.float32)
-    return (np.clip(x, 0, 1) * 255.0 + 0.5).astype(np.uint8)
+@dataclass(frozen=True)
+class Parts:
+    """What is trained on and what is judged."""
+
+    training: Dataset
+    validation: Dataset
+    how: str
+    """How they were divided, for the card."""
 
 
-def balanced_accuracy(probability: NDArray[np.floating], label: NDArray[np.uint8]) -> float:
-    """Return the mean of the recalls of *none* and *junction* at a threshold of 0.5."""
-    recalls = [float(((probability >= 0.5) == bool(cls))[label == cls].mean()) for cls in (0, 1)]
-    return sum(recalls) / 2
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a training."""
+
+    finished: bool
+    curve: list[Point]
+    pictures: int
+    parts: tuple[str, ...]
+    """How each dataset was divided."""
+    exported: Exported | None
 
 
-@torch.no_grad()
-def predict(network: nn.Module, samples: Samples, extractor: Extractor) -> NDArray[np.float32]:
-    """Return the probability of *junction* (N,) of each sample."""
-    network.eval()
-    parts = [
-        torch.softmax(network(_features(samples.gray[i : i + 256], extractor)), 1)[:, 1].numpy()
-        for i in range(0, len(samples), 256)
-    ]
-    return np.concatenate(parts)
+@dataclass(frozen=True)
+class Order:
+    """What is to be trained."""
+
+    recipe: Recipe
+    seed: int
+    name: str
+    out: Path
+    start: Path | None = None
+    """A model file to go on from."""
+    int8: bool = False
+    """Whether the file's large weights are stored as int8."""
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where the state is kept while training."""
+        return self.out.with_suffix(".checkpoint")
 
 
-def _features(gray: NDArray[np.uint8], extractor: Extractor) -> Tensor:
-    return torch.from_numpy(extractor.batch(gray)).contiguous(memory_format=torch.channels_last)
+def divide(dataset: Dataset, seed: int) -> Parts:
+    """Return the parts to train on and to judge: the dataset's own, or whole sites or clips.
+
+    Pictures of the part *test* are in neither. Where there are too few sites and clips to hold any
+    back, everything is trained on, and judged on the same: `how` says so.
+    """
+    own = dataset.where(dataset.split != "test")
+    judged = own.split == "validation"
+    if judged.any():
+        return Parts(own.where(~judged), own.where(judged), "its own validation part")
+    for word, groups in (("sites", own.site), ("clips", own.clip)):
+        held = _held_out(own, groups, seed)
+        if held is not None:
+            count = len(np.unique(groups[held]))
+            how = f"{count} of {len(np.unique(groups))} {word} held out"
+            return Parts(own.where(~held), own.where(held), how)
+    return Parts(own, own, "nothing held out: too few sites and clips; judged on what it saw")
 
 
-def soft_cross_entropy(logits: Tensor, target: Tensor) -> Tensor:
-    """Return the cross-entropy against the probability (N,) of class 1."""
-    log_p = torch.log_softmax(logits, dim=1)
-    return -(target * log_p[:, 1] + (1 - target) * log_p[:, 0]).mean()
+def _held_out(dataset: Dataset, groups: np.ndarray, seed: int) -> np.ndarray | None:
+    """Return which pictures are held out, or None: both parts would not have every class."""
+    counts: dict[str, dict[str, int]] = {}
+    for group in np.unique(groups):
+        labels = dataset.label[groups == group]
+        counts[str(group)] = {
+            name: int((labels == k).sum()) for k, name in enumerate(dataset.classes)
+        }
+    try:
+        split = deal_groups(counts, {}, (1 - HELD_OUT, HELD_OUT, 0.0), seed)
+    except FootageError:
+        return None
+    held = np.array([split[str(group)] == "validation" for group in groups])
+    for part in (dataset.label[held], dataset.label[~held]):
+        if any(not (part == k).any() for k in range(len(dataset.classes))):
+            return None
+    return held
 
 
-def fit(
-    network: nn.Module,
-    data: Samples,
-    validation: Samples,
-    extractor: Extractor,
-    *,
-    epochs: float,
-    batch: int = 128,
-    rate: float = 2e-3,
-    seed: int = 0,
-) -> list[dict[str, float]]:
-    """Train `network` in place with Adam, a warm-up and a cosine to zero; return the curve."""
-    torch.manual_seed(seed)
-    rng = np.random.default_rng(seed)
-    network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]  # torch's stubs lack it
-    optimiser = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=1e-3)
-    steps = int(epochs * len(data) / batch)
-    curve: list[dict[str, float]] = []
-    order = np.empty(0, np.int64)
-    started, loss_sum = time.monotonic(), 0.0
-    judged = validation.where(validation.label < 2)
-    report = max(steps // 12, 1)
-    for step in range(1, steps + 1):
-        if len(order) < batch:
-            order = rng.permutation(len(data))
-        chosen, order = order[:batch], order[batch:]
-        progress = step / steps
-        for group in optimiser.param_groups:
-            group["lr"] = rate * min(step / 200, 0.5 * (1 + math.cos(math.pi * progress)))
-        network.train()
-        logits = network(_features(augment(data.gray[chosen], rng), extractor))
-        loss = soft_cross_entropy(logits, torch.from_numpy(data.target[chosen]))
-        optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        optimiser.step()
-        loss_sum += loss.item()
-        if step % report == 0 or step == steps:
-            accuracy = balanced_accuracy(predict(network, judged, extractor), judged.label)
-            point = {
-                "samples": float(step * batch),
-                "loss": loss_sum / report,
-                "balanced_accuracy": accuracy,
-            }
-            curve.append(point)
-            loss_sum = 0.0
-            print(
-                f"{step}/{steps} steps, {time.monotonic() - started:.0f} s, "
-                f"loss {point['loss']:.4f}, balanced accuracy {100 * accuracy:.2f} %",
-                flush=True,
-            )
-    return curve
+def train(
+    datasets: Sequence[Dataset],
+    order: Order,
+    resume: bool = False,
+    progress: Progress | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Outcome:
+    """Train on all datasets and write the model file; where `stop` says so, a checkpoint only.
+
+    Raises:
+        DatasetError, WeightsError, CheckpointError, ModelFileError: what is wrong and what to do.
+    """
+    classes = datasets[0].classes
+    if "none" not in classes:
+        raise DatasetError(f"one class must be called none, for plain road: {', '.join(classes)}")
+    recipe, extractor = order.recipe, Extractor(order.recipe.preprocessing)
+    parts = [divide(dataset, order.seed) for dataset in datasets]
+    training = prepared([p.training for p in parts], recipe.preprocessing)
+    validation = prepared([p.validation for p in parts], recipe.preprocessing)
+    torch.manual_seed(order.seed)
+    channels = len(recipe.preprocessing.channels)
+    network = build(recipe.architecture, channels, len(classes), recipe.dropout)
+    if order.start is not None:
+        start_from(network, order.start, _metadata_of(order.start).classes == classes)
+    trainer = Trainer(network, training, validation, recipe, order.seed, extractor)
+    if resume and order.checkpoint.exists():
+        trainer.resume(order.checkpoint)
+    divided = tuple(part.how for part in parts)
+    if not trainer.run(order.checkpoint, progress, stop):
+        return Outcome(False, trainer.curve, len(training), divided, None)
+    exported = export(network, _metadata(order, classes, len(training)), order.out, order.int8)
+    order.checkpoint.unlink()
+    return Outcome(True, trainer.curve, len(training), divided, exported)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Train from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", nargs="+", type=Path)
-    parser.add_argument("--validation", type=Path, required=True)
-    parser.add_argument("--architecture", choices=("paper", "robust"), default="robust")
-    parser.add_argument("--epochs", type=float, default=4)
-    parser.add_argument("--rate", type=float, default=2e-3)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--name", default="juncnet")
-    parser.add_argument("--preprocessing", default="{}", help="as JSON; the paper's by default")
-    parser.add_argument("--out", type=Path, required=True)
-    options = parser.parse_args(argv)
-    torch.set_num_threads(options.threads)
-    torch.manual_seed(options.seed)
-    preprocessing = Preprocessing.model_validate_json(options.preprocessing)
-    extractor = Extractor(preprocessing)
-    data = Samples.concatenate([Samples.load(p) for p in options.data])
-    data = data.where(np.isfinite(data.target))
-    architecture: Architecture = options.architecture
-    network = build(architecture, channels=len(preprocessing.channels))
-    print(f"{len(data)} samples, {parameters(network)} weights", flush=True)
-    fit(
-        network,
-        data,
-        Samples.load(options.validation),
-        extractor,
-        epochs=options.epochs,
-        rate=options.rate,
-        seed=options.seed,
-    )
-    recipe = (
-        f"AdamW, {options.rate}, cosine, batches of 128, {options.epochs} epochs of "
-        f"{len(data)} synthetic pictures, seed {options.seed}"
-    )
-    metadata = ModelMetadata(
-        name=options.name,
-        architecture=architecture,
-        classes=("none", "junction"),
-        preprocessing=preprocessing,
+def _metadata(order: Order, classes: tuple[str, ...], pictures: int) -> ModelMetadata:
+    before = f", from {_metadata_of(order.start).name}" if order.start else ""
+    return ModelMetadata(
+        name=order.name,
+        architecture=order.recipe.architecture,
+        classes=classes,
+        preprocessing=order.recipe.preprocessing,
         near_row=NEAR_ROW,
         far_heights=FAR_HEIGHTS,
-        recipe=recipe,
+        recipe=f"{order.recipe.describe()}; {pictures} pictures, seed {order.seed}{before}",
     )
-    deviation = export(network, metadata, options.out)
-    print(f"wrote {options.out}; onnxruntime deviates from torch by {deviation:.1e}")
-    return 0
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
+def _metadata_of(path: Path) -> ModelMetadata:
+    try:
+        return ModelMetadata.from_properties(Network(path.read_bytes()).properties)
+    except (OSError, ValueError) as error:
+        raise ModelFileError(f"{path}: {error}") from error
+
+
+def recipe_from(recipe: Recipe, start: Path) -> Recipe:
+    """Return a preset's recipe for going on from the model in `start`.
+
+    Its preprocessing is the model's, its rate a fraction of the preset's.
+
+    Raises:
+        ModelFileError: no model there.
+        WeightsError: its architecture is another.
+    """
+    metadata = _metadata_of(start)
+    architectures: tuple[Architecture, ...] = ("paper", "robust")
+    if metadata.architecture != recipe.architecture and metadata.architecture in architectures:
+        raise WeightsError(
+            f"{start} has the architecture {metadata.architecture}, the preset "
+            f"{recipe.architecture}: name a preset of the same one"
+        )
+    rate = recipe.rate * FINE_TUNING_RATE
+    return recipe.model_copy(update={"preprocessing": metadata.preprocessing, "rate": rate})
+
+
+def write_report(order: Order, outcome: Outcome, command: str) -> None:
+    """Write the model's card and its curve as data beside it, `.md` and `.json`."""
+    rows = "\n".join(
+        f"| {p.samples} | {p.loss:.4f} | {100 * p.balanced_accuracy:.2f} % |" for p in outcome.curve
+    )
+    metadata = _metadata_of(order.out)
+    p, size = metadata.preprocessing, order.out.stat().st_size
+    text = f"""# {metadata.name}
+
+Tells {", ".join(metadata.classes)} apart in a forward camera's picture.
+
+| | |
+|---|---|
+| file | `{order.out.name}`, {size / 1e6:.1f} MB{", large weights as int8" if order.int8 else ""} |
+| architecture | `{metadata.architecture}` in `juncnet/network.py` |
+| input | {", ".join(p.channels)}; {p.size}x{p.size}, sharpening {p.sharpening}, \
+{p.angles} angles, filter {p.filter}, circle {p.circle}, standardisation {p.standardisation} |
+| recipe | {metadata.recipe} |
+| validation | {"; ".join(outcome.parts)} |
+| checked | onnxruntime deviates from torch by {_deviation(outcome)} |
+
+| pictures seen | loss | balanced accuracy on the validation part |
+|---|---|---|
+{rows}
+
+Made by `{command}`. Judge it with `juncnet evaluate {order.out.name} DATA`.
+"""
+    order.out.with_suffix(".md").write_text(text, encoding="utf-8")
+    data = {
+        "command": command,
+        "recipe": order.recipe.model_dump(mode="json"),
+        "seed": order.seed,
+        "pictures": outcome.pictures,
+        "validation": outcome.parts,
+        "curve": [asdict(point) for point in outcome.curve],
+    }
+    order.out.with_suffix(".json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+
+def _deviation(outcome: Outcome) -> str:
+    if outcome.exported is None:
+        return "nothing: not exported"
+    rounding = outcome.exported.rounding
+    rounded = f"; rounding to int8 changed a probability by {rounding:.1e}" if rounding else ""
+    return f"{outcome.exported.deviation:.1e}{rounded}"

@@ -1,0 +1,180 @@
+"""`juncnet dataset synthesise FOLDER`: labelled pictures from simulation, thousands a minute.
+
+Worlds are simulated villages seen by a robot that follows their roads; streets are towns and
+motorways as photographs show them. The same options and seed give the same pictures. An interrupted
+run goes on where it was: shards that are there are kept.
+"""
+
+import argparse
+import shlex
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from juncnet_services.cli.train_extra import needs_train
+
+if TYPE_CHECKING:
+    from juncnet.learning.synthetic import Variety
+
+PER_SHARD = 6_000
+PER_WORLD = 600
+PER_STREET_SITE = 300
+RANGES = ("height_m", "pitch_deg", "fov_deg", "sun_elevation_deg", "shadow", "haze")
+NUMBERS = (
+    "tilt_deg",
+    "wander",
+    "near_junctions",
+    "palette_jitter",
+    "noise",
+    "distortion",
+    "motion_blur",
+    "compression",
+)
+
+
+@dataclass(frozen=True)
+class Shard:
+    """One file to be made."""
+
+    path: Path
+    seed: int
+    """Of its first world; the others follow."""
+    worlds: int
+    """Pictures of worlds."""
+    streets: int
+    """Pictures of streets."""
+    per_world: int
+    variety: "Variety"
+    palette: str | None
+
+
+def arguments(argv: list[str]) -> argparse.Namespace:
+    """Return the parsed command line."""
+    parser = argparse.ArgumentParser(
+        prog="juncnet dataset synthesise",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--pictures", type=int, default=60_000, metavar="N")
+    parser.add_argument(
+        "--streets", type=float, default=0.25, metavar="SHARE", help="share of street pictures"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1_000_000, help="from 1000000 on: training, 3000000: figures"
+    )
+    parser.add_argument("--per-world", type=int, default=PER_WORLD, metavar="N")
+    parser.add_argument(
+        "--driven", action="store_true", help="uniform along driven paths, looks unvaried: to judge"
+    )
+    parser.add_argument("--palette", help="for all worlds, for instance `withheld`")
+    parser.add_argument("--processes", type=int, default=2)
+    varied = parser.add_argument_group("what is varied (ranges as LOW,HIGH)")
+    for name in RANGES:
+        varied.add_argument("--" + name.replace("_", "-"), metavar="LOW,HIGH")
+    for name in NUMBERS:
+        varied.add_argument("--" + name.replace("_", "-"), type=float, metavar="X")
+    return parser.parse_args(argv)
+
+
+def main(argv: list[str]) -> int:
+    """Write the shards and `dataset.json`; 1 when interrupted, 2 for bad arguments."""
+    options = arguments(argv)
+    with needs_train("juncnet dataset synthesise"):
+        from juncnet.learning.datasets import DatasetInfo, write_info
+        from juncnet.learning.samples import LABELS
+    try:
+        shards = list(_shards(options))
+        options.folder.mkdir(parents=True, exist_ok=True)
+        _make([shard for shard in shards if not shard.path.exists()], options.processes)
+    except (ValueError, OSError) as error:
+        print(f"juncnet dataset synthesise: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\ninterrupted: the same command goes on", file=sys.stderr)
+        return 1
+    command = ["juncnet", "dataset", "synthesise", options.folder.name]
+    command += [word for word in argv if word != str(options.folder)]
+    info = DatasetInfo(
+        classes=LABELS[:2],
+        made_by=shlex.join(command),
+        shards=tuple(shard.path.name for shard in shards),
+        notes={"variety": shards[0].variety.model_dump_json()},
+    )
+    write_info(options.folder, info)
+    print(f"{options.pictures} pictures in {len(shards)} shards: {options.folder}")
+    return 0
+
+
+def _shards(options: argparse.Namespace) -> Iterator[Shard]:
+    if options.pictures < 1 or not 0 <= options.streets <= 1 or options.per_world < 1:
+        raise ValueError("--pictures and --per-world need to be at least 1, --streets 0 to 1")
+    variety, left, number = _variety(options), options.pictures, 0
+    while left > 0:
+        n = min(left, PER_SHARD)
+        streets = 0 if options.driven else round(n * options.streets)
+        path = options.folder / f"{number:04d}.npz"
+        seed = options.seed + number * 1000
+        yield Shard(path, seed, n - streets, streets, options.per_world, variety, options.palette)
+        left, number = left - n, number + 1
+
+
+def _variety(options: argparse.Namespace) -> "Variety":
+    from juncnet.learning.synthetic import DRIVEN, Variety
+    from juncnet.simulation.palettes import palette_named
+
+    if options.palette:
+        palette_named(options.palette)
+    values = (DRIVEN if options.driven else Variety()).model_dump()
+    for name in RANGES:
+        text = getattr(options, name)
+        if text is not None:
+            low, comma, high = text.partition(",")
+            if not comma or float(low) > float(high):
+                raise ValueError(f"--{name.replace('_', '-')} {text}: give LOW,HIGH")
+            values[name] = (float(low), float(high))
+    given = {name: getattr(options, name) for name in NUMBERS}
+    values.update({name: value for name, value in given.items() if value is not None})
+    return Variety.model_validate(values)
+
+
+def _make(shards: list[Shard], processes: int) -> None:
+    """Make the shards, several at a time, with a progress bar."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    total, started = sum(s.worlds + s.streets for s in shards), time.monotonic()
+    with Progress(*columns) as progress, ProcessPoolExecutor(max(1, processes)) as pool:
+        task = progress.add_task(f"{total} pictures", total=total)
+        made = 0
+        for done in as_completed([pool.submit(make_shard, shard) for shard in shards]):
+            made += done.result()
+            rate = made / (time.monotonic() - started)
+            progress.update(task, completed=made, description=f"{60 * rate:.0f} pictures a minute")
+
+
+def make_shard(shard: Shard) -> int:
+    """Write one shard, at once or not at all; return the number of its pictures."""
+    import cv2
+
+    from juncnet.learning.samples import Samples
+    from juncnet.learning.streets import street_samples
+    from juncnet.learning.synthetic import world_samples
+
+    cv2.setNumThreads(1)
+    parts: list[Samples] = []
+    for k, first in enumerate(range(0, shard.worlds, shard.per_world)):
+        n = min(shard.per_world, shard.worlds - first)
+        parts.append(world_samples(shard.seed + k, n, shard.variety, palette=shard.palette))
+    for k, first in enumerate(range(0, shard.streets, PER_STREET_SITE)):
+        n = min(PER_STREET_SITE, shard.streets - first)
+        # Streets have seeds of their own, so that no site is a world and a street.
+        parts.append(street_samples(-shard.seed - k, n))
+    part = shard.path.with_suffix(".part.npz")
+    Samples.concatenate(parts).save(part)
+    part.replace(shard.path)
+    return shard.worlds + shard.streets

@@ -1,0 +1,167 @@
+"""`juncnet train DATA ...`: train a model on labelled pictures and write it as an ONNX file.
+
+DATA is a folder made by `juncnet dataset`, or a folder of class folders. Presets: `paper`, the
+paper's network and recipe as stated; `tuned`, the same network with the recipe that serves it best;
+`robust`, the best network that runs as fast. Interrupt it with Ctrl-C, go on with --resume.
+"""
+
+import argparse
+import shlex
+import signal
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from juncnet_services.cli.train_extra import needs_train
+
+if TYPE_CHECKING:
+    from juncnet.learning.fit import Point
+    from juncnet.learning.recipes import Recipe
+    from juncnet.learning.train import Order
+
+FINE_TUNING_EPOCHS = 12.0
+
+
+def arguments(argv: list[str]) -> argparse.Namespace:
+    """Return the parsed command line."""
+    parser = argparse.ArgumentParser(
+        prog="juncnet train",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("data", nargs="+", type=Path, metavar="DATA")
+    parser.add_argument("--preset", choices=("paper", "tuned", "robust"), default="robust")
+    parser.add_argument("--from", dest="start", type=Path, metavar="MODEL", help="go on from it")
+    parser.add_argument("--out", type=Path, default=Path("my-juncnet.onnx"), metavar="FILE.onnx")
+    parser.add_argument("--name", help="of the model (default: the file's)")
+    parser.add_argument("--epochs", type=float, help="instead of the preset's")
+    parser.add_argument("--rate", type=float, help="learning rate, instead of the preset's")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--resume", action="store_true", help="go on where it was interrupted")
+    parser.add_argument("--int8", action="store_true", help="store large weights as int8")
+    return parser.parse_args(argv)
+
+
+def main(argv: list[str]) -> int:
+    """Train and write model, card and curve; 1 when interrupted, 2 for bad arguments or data."""
+    options = arguments(argv)
+    with needs_train("juncnet train"):
+        import torch
+
+        from juncnet.learning.datasets import DatasetError, open_dataset
+        from juncnet.learning.fit import CheckpointError
+        from juncnet.learning.train import Order, train
+        from juncnet.learning.weights import WeightsError
+        from juncnet.modelfile import ModelFileError
+    torch.set_num_threads(options.threads)
+    try:
+        order = Order(
+            recipe=_recipe(options),
+            seed=options.seed,
+            name=options.name or options.out.stem,
+            out=options.out,
+            start=options.start,
+            int8=options.int8,
+        )
+        order.out.parent.mkdir(parents=True, exist_ok=True)
+        datasets = [open_dataset(path) for path in options.data]
+        interrupted = _Interrupt()
+        outcome = train(datasets, order, options.resume, _Progress(), interrupted.happened)
+    except (DatasetError, WeightsError, CheckpointError, ModelFileError, ValueError) as error:
+        print(f"juncnet train: {error}", file=sys.stderr)
+        return 2
+    if not outcome.finished:
+        print("\ninterrupted: the same command with --resume goes on", file=sys.stderr)
+        return 1
+    _report(order, outcome, shlex.join(["juncnet", "train", *_shareable(argv)]))
+    return 0
+
+
+def _recipe(options: argparse.Namespace) -> "Recipe":
+    """Return the preset with what the command line changes."""
+    from juncnet.learning.recipes import PRESETS, Recipe
+    from juncnet.learning.train import recipe_from
+
+    recipe = PRESETS[options.preset]
+    if options.start is not None:
+        recipe = recipe_from(recipe, options.start)
+        recipe = recipe.model_copy(update={"epochs": min(recipe.epochs, FINE_TUNING_EPOCHS)})
+    fields = recipe.model_dump()
+    fields["epochs"] = recipe.epochs if options.epochs is None else options.epochs
+    fields["rate"] = recipe.rate if options.rate is None else options.rate
+    return Recipe.model_validate(fields)
+
+
+def _report(order: "Order", outcome: object, command: str) -> None:
+    from juncnet.learning.curves import draw_curve
+    from juncnet.learning.evaluation.plots import PlotError
+    from juncnet.learning.train import Outcome, write_report
+
+    assert isinstance(outcome, Outcome)
+    write_report(order, outcome, command)
+    written = [order.out, order.out.with_suffix(".md"), order.out.with_suffix(".json")]
+    picture = order.out.with_name(order.out.stem + "-curve.png")
+    try:
+        draw_curve(outcome.curve, picture)
+        written.append(picture)
+    except PlotError as error:
+        print(f"no picture of the curve: {error}", file=sys.stderr)
+    last = outcome.curve[-1]
+    print(
+        f"balanced accuracy {100 * last.balanced_accuracy:.2f} % ({'; '.join(outcome.parts)}) "
+        f"after {last.samples} pictures"
+    )
+    print("wrote " + ", ".join(map(str, written)))
+
+
+def _shareable(argv: list[str]) -> list[str]:
+    """Return the arguments without this machine's folders."""
+    return [Path(word).name if word.startswith("/") else word for word in argv]
+
+
+class _Interrupt:
+    """Remembers Ctrl-C, so that the step under way is finished and saved."""
+
+    def __init__(self) -> None:
+        self._seen = False
+        signal.signal(signal.SIGINT, self._note)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if self._seen:
+            raise KeyboardInterrupt
+        self._seen = True
+
+    def happened(self) -> bool:
+        return self._seen
+
+
+class _Progress:
+    """One line that is renewed in a terminal, or a line for every point of the curve."""
+
+    def __init__(self) -> None:
+        self._started, self._first = time.monotonic(), 0
+        self._shown, self._points = 0.0, 0
+        self._live = sys.stderr.isatty()
+
+    def __call__(self, step: int, steps: int, curve: "list[Point]") -> None:
+        now = time.monotonic()
+        new = len(curve) > self._points
+        if not self._first:
+            self._first = step
+        if not new and (not self._live or now - self._shown < 0.2):
+            return
+        self._shown, self._points = now, len(curve)
+        pace = (now - self._started) / max(step - self._first, 1)
+        bar = "█" * round(24 * step / steps)
+        last = curve[-1] if curve else None
+        found = (
+            f"loss {last.loss:.3f}, balanced accuracy {100 * last.balanced_accuracy:.2f} %"
+            if last
+            else ""
+        )
+        line = f"{bar:░<24} {step}/{steps}, {pace * (steps - step):.0f} s left  {found}"
+        end = "\n" if not self._live or step == steps else ""
+        print(("\r\x1b[2K" if self._live else "") + line, end=end, file=sys.stderr, flush=True)

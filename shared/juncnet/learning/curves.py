@@ -1,0 +1,29 @@
+"""A learning curve as a picture."""
+
+# Matplotlib leaves many of its own members without types.
+# pyright: reportUnknownMemberType=false
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from juncnet.learning.evaluation.plots import drawing
+from juncnet.learning.fit import Point
+
+
+def draw_curve(curve: Sequence[Point], path: Path) -> None:
+    """Write loss and balanced accuracy over the pictures seen to `path` (PNG).
+
+    Raises:
+        PlotError: matplotlib is not installed.
+    """
+    seen = [point.samples for point in curve]
+    with drawing(path, 6.0, 3.6) as figure:
+        loss, accuracy = figure.add_subplot(), None
+        accuracy = loss.twinx()
+        loss.plot(seen, [point.loss for point in curve], color="tab:gray", marker=".")
+        loss.set_xlabel("pictures seen in training")
+        loss.set_ylabel("loss", color="tab:gray")
+        loss.set_ylim(bottom=0)
+        percent = [100 * point.balanced_accuracy for point in curve]
+        accuracy.plot(seen, percent, color="tab:blue", marker=".")
+        accuracy.set_ylabel("balanced accuracy, validation part [%]", color="tab:blue")
