@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from juncnet.frames import Frame, FrameLayout
-from juncnet.learning.datasets import Row
+from juncnet.learning.datasets import Row, Split
 from juncnet.learning.footage.intervals import (
     FootageError,
     Interval,
@@ -30,12 +30,12 @@ from juncnet.learning.footage.labelling import (
     SiteAction,
     UndoAction,
 )
-from juncnet.learning.footage.leaks import group_leaks, near_duplicate_leaks
+from juncnet.learning.footage.leaks import group_leaks, near_duplicate_leaks, twins_across
 from juncnet.learning.footage.likeness import Novelty, close_pairs, descriptor, differences
 from juncnet.learning.footage.pixels import as_stored, jpeg
 from juncnet.learning.footage.selection import fair_shares, thinned
 from juncnet.learning.footage.sheets import CELL_H, CELL_W, contact_sheet, evenly
-from juncnet.learning.footage.sides import Rules, sides
+from juncnet.learning.footage.sides import Rules, sides, within
 from juncnet.learning.footage.splits import deal_frames, deal_groups, parse_shares
 from juncnet.messages import PixelFormat, Stamp
 
@@ -47,9 +47,8 @@ def noise(seed: int, height: int = 90, width: int = 160) -> NDArray[np.uint8]:
     return np.kron(blocks, np.ones((10, 10), np.uint8))
 
 
-def row(label: str, clip: str, site: str, time_s: float = 0.0, split: str = "") -> Row:
-    name = {str(s): s for s in ("", "train", "validation", "test")}
-    return Row(f"{clip}-{time_s}.jpg", label, clip, site, name[split] or "", time_s)
+def row(label: str, clip: str, site: str, time_s: float = 0.0, split: Split = "") -> Row:
+    return Row(f"{clip}-{time_s}.jpg", label, clip, site, split, time_s)
 
 
 def test_times_are_seconds_or_minutes() -> None:
@@ -109,8 +108,13 @@ def test_near_duplicates_of_any_kept_frame_are_skipped() -> None:
     first, second = noise(1), noise(2)
     grain = np.random.default_rng(3).normal(0, 3, first.shape)
     again = np.clip(first + grain, 0, 255).astype(np.uint8)
-    assert [novelty.keep(p) for p in (first, again, second, first)] == [True, False, True, False]
-    assert Novelty(0.0).keep(first)
+    assert [novelty.keep(descriptor(p)) for p in (first, again, second, first)] == [
+        True,
+        False,
+        True,
+        False,
+    ]
+    assert Novelty(0.0).keep(descriptor(first))
 
 
 def test_close_pairs_names_the_closest() -> None:
@@ -156,7 +160,9 @@ def test_named_sites_and_clips_go_where_they_are_asked_for() -> None:
         sides(rows, Rules(test=("s2/c1.mp4",), validation=("s2/c2.mp4",)))
     with pytest.raises(FootageError, match="no site or clip is called 'elm'"):
         sides(rows, Rules(test=("elm",)))
-    with pytest.raises(FootageError, match="asked for in (test|validation) and in (test|validation)"):
+    with pytest.raises(
+        FootageError, match=r"asked for in (test|validation) and in (test|validation)"
+    ):
         sides(rows, Rules(test=("s2",), validation=("s2",)))
 
 
@@ -203,6 +209,7 @@ def test_leaks_are_found_and_told_from_what_was_asked_for() -> None:
     assert leak.what == f"{rows[1].path} and {rows[0].path}"
     assert leak.splits == ("train", "test")
     assert not leak.asked_for
+    assert twins_across([r.split for r in rows], pictures, 0.25) == {1}
 
 
 def test_classes_and_clips_share_a_limit_alike() -> None:
@@ -214,6 +221,8 @@ def test_classes_and_clips_share_a_limit_alike() -> None:
     assert Counter(rows[i].clip for i in kept) == {"c0": 16, "c1": 16, "c2": 8}
     assert kept == sorted(set(kept))
     assert thinned(rows, 500) == list(range(108))
+    learnt = within(rows, Rules(test=("c1",)), 20)
+    assert Counter(rows[i].clip for i in learnt) == {"c0": 12, "c1": 50, "c2": 8}
 
 
 def test_a_contact_sheet_shows_every_picture_in_its_shape() -> None:
@@ -236,7 +245,7 @@ def test_a_stored_frame_has_the_cameras_own_luminance(kind: PixelFormat) -> None
     pixels[: 160 * 90] = luma.ravel()
     frame = Frame(Stamp(epoch=0, sequence=0, time_ns=0, clock="c"), layout, pixels)
     data = np.frombuffer(jpeg(as_stored(frame, 360)), np.uint8)
-    back = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE).astype(int)
+    back = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), int)
     assert back.shape == luma.shape
     assert np.abs(back - luma).mean() < 1.5
     assert as_stored(frame, 45).shape[:2] == (45, 80)

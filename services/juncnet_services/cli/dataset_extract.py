@@ -13,35 +13,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from juncnet.learning.datasets import Row
-from juncnet.learning.footage.intervals import (
-    SPLITS,
-    FootageError,
-    Interval,
-    classes_of,
-    interval_at,
-    read_intervals,
-)
-from juncnet.learning.footage.likeness import NEAR_DUPLICATE, Novelty
+import numpy as np
+
+from juncnet.learning.datasets import Row, Split
+from juncnet.learning.footage.intervals import SPLITS, FootageError, classes_of, interval_at
+from juncnet.learning.footage.leaks import twins_across
+from juncnet.learning.footage.likeness import F32, NEAR_DUPLICATE, Novelty, descriptor
 from juncnet.learning.footage.pixels import as_stored, jpeg
-from juncnet.learning.footage.selection import thinned
-from juncnet.learning.footage.sides import Rules, sides
+from juncnet.learning.footage.sides import Rules, sides, within
 from juncnet.learning.footage.splits import FRACTIONS, parse_shares
 from juncnet.learning.footage.writer import DatasetWriter
+from juncnet_services.cli.dataset_clips import Clip, clips_by_folders, clips_by_intervals
 from juncnet_services.cli.dataset_counts import counts_table
-from juncnet_services.cli.dataset_videos import Video, clip_names, videos_in, whole_frame
+from juncnet_services.cli.dataset_videos import Video, whole_frame
 
-
-@dataclass(frozen=True)
-class Clip:
-    """A video and what is said about it."""
-
-    name: str
-    path: Path
-    site: str
-    label: str | None
-    """Of the whole clip, or of what no interval holds; None: left out."""
-    intervals: tuple[Interval, ...] = ()
+MARGIN = 0.03
+"""Pictures across splits must differ by this much more: `check` sees them as JPEG."""
 
 
 @dataclass(frozen=True)
@@ -53,123 +40,77 @@ class Sampling:
     height: int
 
 
-def clips_by_folders(root: Path, site_pattern: str | None) -> list[Clip]:
-    """Return the clips of a folder of class folders.
+class Extraction:
+    """Takes frames from clips into a data set."""
 
-    Raises:
-        FootageError: a video is in no class folder.
-    """
-    clips: list[Clip] = []
-    for name, path in clip_names(videos_in(root), root).items():
-        parts = name.split("/")
-        if len(parts) < 2:
-            raise FootageError(
-                f"{path} is in no class folder: move it to {root}/none/ or {root}/junction/, "
-                "or say what it shows with --labels (`juncnet dataset label` writes the file)"
-            )
-        site = parts[-2] if len(parts) > 2 else path.stem
-        clips.append(Clip(name, path, site_of(name, site_pattern, site), parts[0]))
-    return clips
+    def __init__(self, out: Path, sampling: Sampling) -> None:
+        """Begin in the new folder `out`.
 
+        Raises:
+            FootageError: something is in it already.
+        """
+        self.writer, self._sampling = DatasetWriter(out), sampling
+        self._descriptors: list[F32] = []
+        self._skipped = 0
 
-def clips_by_intervals(
-    labels: Path, root: Path, rest: str | None, site_pattern: str | None
-) -> list[Clip]:
-    """Return the clips that an interval file names; videos are looked for below `root`.
+    def add(self, clip: Clip) -> int:
+        """Add the frames of a clip and return how many there were.
 
-    Raises:
-        FootageError: the file is wrong, or names a video that is not there.
-    """
-    try:
-        text = labels.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise FootageError(f"{labels} cannot be read: {error}") from error
-    intervals = read_intervals(text, str(labels))
-    known = clip_names(videos_in(root), root)
-    clips: dict[str, list[Interval]] = {}
-    for interval in intervals:
-        clips.setdefault(_find(interval.clip, known, labels), []).append(interval)
-    found: list[Clip] = []
-    for name, said in clips.items():
-        told = {i.site for i in said if i.site}
-        if len(told) > 1:
-            raise FootageError(f"{labels}: {name} has several sites: {', '.join(sorted(told))}")
-        parent = name.split("/")[-2] if "/" in name else known[name].stem
-        site = next(iter(told), "") or site_of(name, site_pattern, parent)
-        found.append(Clip(name, known[name], site, rest, tuple(said)))
-    return found
+        Raises:
+            FootageError: the video cannot be read.
+        """
+        video, novelty = Video(clip.path), Novelty(self._sampling.near_duplicate)
+        next_s, before = 0.0, len(self.writer.rows)
+        for index, decoded in video.frames():
+            time_s = video.times_s[index]
+            interval = interval_at(clip.intervals, time_s)
+            label = interval.label if interval else clip.label
+            if label is None or time_s < next_s - 1e-6:
+                continue
+            next_s = time_s + self._sampling.every_s
+            frame = whole_frame(decoded)
+            seen = descriptor(frame.luminance())
+            if not novelty.keep(seen):
+                self._skipped += 1
+                continue
+            row = Row("", label, clip.name, clip.site, interval.split if interval else "", time_s)
+            self.writer.add(jpeg(as_stored(frame, self._sampling.height)), "jpg", row)
+            self._descriptors.append(seen)
+        if video.counts.corrupt:
+            text = f"  {clip.name}: {video.counts.corrupt} damaged pictures left out"
+            print(text, file=sys.stderr)
+        return len(self.writer.rows) - before
 
+    def finish(self, rules: Rules, limit: int | None, command: str) -> None:
+        """Thin out, deal out and write the table.
 
-def _find(clip: str, known: dict[str, Path], labels: Path) -> str:
-    """Return the name among `known` that an interval file means by `clip`."""
-    matching = [n for n in known if n == clip] or [n for n in known if n.endswith("/" + clip)]
-    if len(matching) == 1:
-        return matching[0]
-    problem = "is not among the videos" if not matching else "could be " + " or ".join(matching)
-    there = ", ".join(list(known)[:5])
-    raise FootageError(f"{labels}: clip {clip!r} {problem} (there: {there}, ...)")
+        Raises:
+            FootageError: too little is labelled, or the splits cannot be filled.
+        """
+        classes = _classes(self.writer.rows)
+        self._keep(within(self.writer.rows, rules, limit))
+        splits = sides(self.writer.rows, rules)
+        twins = set[int]()
+        if rules.split_by != "frame":
+            limit_apart = self._sampling.near_duplicate + MARGIN
+            twins = twins_across(splits, np.array(self._descriptors), limit_apart)
+            self._keep([i for i in range(len(splits)) if i not in twins])
+        notes = {
+            "every_s": f"{self._sampling.every_s:g}",
+            "near_duplicates": f"of difference below {self._sampling.near_duplicate:g}: "
+            f"{self._skipped} within clips and {len(twins)} across splits left out",
+            "limit": "none" if limit is None else str(limit),
+        }
+        kept: list[Split] = [split for i, split in enumerate(splits) if i not in twins]
+        self.writer.finish(kept, classes, command, rules.split_by, notes)
 
-
-def site_of(name: str, pattern: str | None, otherwise: str) -> str:
-    """Return the site that a clip's name tells by the first group of `pattern`."""
-    if pattern is None:
-        return otherwise
-    match = re.search(pattern, name)
-    if match is None or match.lastindex is None:
-        raise FootageError(
-            f"--site-from {pattern!r} finds no group in {name!r}: try it on the names of all clips"
-        )
-    return match.group(1)
-
-
-def add_clip(writer: DatasetWriter, clip: Clip, sampling: Sampling) -> int:
-    """Add the frames of a clip to the data set and return how many near-duplicates were skipped.
-
-    Raises:
-        FootageError: the video cannot be read.
-    """
-    video, novelty = Video(clip.path), Novelty(sampling.near_duplicate)
-    next_s, skipped = 0.0, 0
-    for index, decoded in video.frames():
-        time_s = video.times_s[index]
-        if time_s < next_s - 1e-6:
-            continue
-        interval = interval_at(clip.intervals, time_s)
-        label = interval.label if interval else clip.label
-        if label is None:
-            continue
-        next_s = time_s + sampling.every_s
-        frame = whole_frame(decoded)
-        if not novelty.keep(frame.luminance()):
-            skipped += 1
-            continue
-        split = interval.split if interval else ""
-        sample = Row("", label, clip.name, clip.site, split, time_s)
-        writer.add(jpeg(as_stored(frame, sampling.height)), "jpg", sample)
-    if video.counts.corrupt:
-        print(f"  {clip.name}: {video.counts.corrupt} damaged pictures left out", file=sys.stderr)
-    return skipped
+    def _keep(self, indices: Sequence[int]) -> None:
+        self.writer.keep_only(indices)
+        self._descriptors = [self._descriptors[i] for i in indices]
 
 
-def extract(
-    clips: Sequence[Clip],
-    out: Path,
-    sampling: Sampling,
-    rules: Rules,
-    limit: int | None,
-    command: str,
-) -> DatasetWriter:
-    """Write the data set of `clips` to `out` and return its writer.
-
-    Raises:
-        FootageError: a video cannot be read, nothing is labelled, or the splits cannot be filled.
-    """
-    writer, skipped = DatasetWriter(out), 0
-    for number, clip in enumerate(clips, 1):
-        before = len(writer.rows)
-        skipped += add_clip(writer, clip, sampling)
-        print(f"{number}/{len(clips)} {clip.name}: {len(writer.rows) - before} frames")
-    labels = {sample.label for sample in writer.rows}
+def _classes(rows: Sequence[Row]) -> tuple[str, ...]:
+    labels = {row.label for row in rows}
     if len(labels) < 2:
         raise FootageError(
             f"only {', '.join(labels) or 'nothing'} was found: a data set needs two classes, "
@@ -177,16 +118,7 @@ def extract(
         )
     if "none" not in labels:
         raise FootageError(f"no class is called `none` (plain road): {', '.join(sorted(labels))}")
-    if limit is not None:
-        writer.keep_only(thinned(writer.rows, limit))
-    notes = {
-        "every_s": f"{sampling.every_s:g}",
-        "near_duplicates": f"{skipped} skipped, of difference below {sampling.near_duplicate:g}",
-        "limit": "none" if limit is None else str(limit),
-    }
-    splits = sides(writer.rows, rules)
-    writer.finish(splits, classes_of(labels), command, rules.split_by, notes)
-    return writer
+    return classes_of(labels)
 
 
 def main(argv: list[str]) -> int:
@@ -209,12 +141,16 @@ def main(argv: list[str]) -> int:
             raise FootageError("name a folder of class folders, or an interval file with --labels")
         sampling = Sampling(options.every, options.near_duplicate, options.height)
         command = shlex.join(["juncnet", "dataset", "extract", *argv])
-        writer = extract(clips, options.out, sampling, rules, options.limit, command)
+        extraction = Extraction(options.out, sampling)
+        for number, clip in enumerate(clips, 1):
+            print(f"{number}/{len(clips)} {clip.name}: {extraction.add(clip)} frames", flush=True)
+        extraction.finish(rules, options.limit, command)
     except (FootageError, re.error) as error:
         print(f"juncnet dataset extract: {error}", file=sys.stderr)
         return 2
-    print(counts_table(writer.rows))
-    print(f"wrote {len(writer.rows)} frames to {options.out}; look at them with "
+    rows = extraction.writer.rows
+    print(counts_table(rows))
+    print(f"wrote {len(rows)} frames to {options.out}; look at them with "
           f"`juncnet dataset check {options.out}`")  # fmt: skip
     return 0
 
@@ -238,7 +174,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="D",
         help=f"skip frames that differ less from one kept before ({NEAR_DUPLICATE}; 0: keep all)",
     )
-    add("--limit", type=int, metavar="N", help="keep at most N frames, all classes and clips alike")
+    add(
+        "--limit",
+        type=int,
+        metavar="N",
+        help="at most N frames to learn from, all clips alike; --test is not counted",
+    )
     add("--height", type=int, default=360, metavar="PX", help="of the kept pictures (360)")
     add("--site-from", metavar="REGEX", help="its first group in a clip's name is the clip's site")
     add("--split-by", choices=("site", "clip"), default="site", help="what is dealt out (site)")

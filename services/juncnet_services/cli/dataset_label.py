@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from juncnet.learning.footage.intervals import NAME, FootageError
-from juncnet_services.cli.dataset_extract import site_of
+from juncnet_services.cli.dataset_clips import site_of
 from juncnet_services.cli.dataset_label_server import LabelServer
 from juncnet_services.cli.dataset_labelling import Labelling
 from juncnet_services.cli.dataset_videos import Video, clip_names, videos_in

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
 
-import numpy as np
-
 from juncnet.learning.datasets import Row
 from juncnet.learning.footage.intervals import SPLITS
 from juncnet.learning.footage.likeness import F32, NEAR_DUPLICATE, close_pairs
@@ -55,12 +53,38 @@ def near_duplicate_leaks(
         split_by: What was dealt out: of frames, near-duplicates were asked for.
         threshold: Difference below which two pictures are near-duplicates.
     """
-    found: list[Leak] = []
-    splits = np.array([s.split for s in samples])
+    pairs = _pairs([s.split for s in samples], descriptors, threshold)
+    return [
+        Leak(
+            "near_duplicate",
+            f"{samples[i].path} and {samples[j].path}",
+            (samples[j].split, samples[i].split),
+            split_by == "frame",
+            apart,
+        )
+        for i, j, apart in sorted(pairs, key=lambda pair: pair[2])
+    ]
+
+
+def twins_across(splits: Sequence[str], descriptors: F32, threshold: float) -> set[int]:
+    """Return the pictures to leave out so that no near-duplicate stands in two splits.
+
+    Of train and another split the other's goes, of validation and test that of the test.
+    """
+    return {i for i, _, _ in _pairs(splits, descriptors, threshold)}
+
+
+def _pairs(
+    splits: Sequence[str], descriptors: F32, threshold: float
+) -> list[tuple[int, int, float]]:
+    """Return (index in the later split, index in the earlier one, difference) of near-duplicates.
+
+    Of each picture only the closest in each earlier split is told.
+    """
+    found: list[tuple[int, int, float]] = []
     for first, second in combinations(SPLITS, 2):
-        rows: list[int] = np.flatnonzero(splits == second).tolist()
-        others: list[int] = np.flatnonzero(splits == first).tolist()
-        for i, j, apart in close_pairs(descriptors[rows], descriptors[others], threshold):
-            what = f"{samples[rows[i]].path} and {samples[others[j]].path}"
-            found.append(Leak("near_duplicate", what, (first, second), split_by == "frame", apart))
-    return sorted(found, key=lambda leak: leak.difference or 0.0)
+        rows = [i for i, split in enumerate(splits) if split == second]
+        others = [i for i, split in enumerate(splits) if split == first]
+        pairs = close_pairs(descriptors[rows], descriptors[others], threshold)
+        found += [(rows[i], others[j], apart) for i, j, apart in pairs]
+    return found

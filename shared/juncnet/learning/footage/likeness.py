@@ -46,9 +46,8 @@ class Novelty:
         self._threshold = threshold
         self._kept = np.empty((0, SIDE * SIDE), np.float32)
 
-    def keep(self, luminance: NDArray[np.uint8]) -> bool:
-        """Return whether the picture (H, W) is new, and remember it then."""
-        candidate = descriptor(luminance)
+    def keep(self, candidate: F32) -> bool:
+        """Return whether the picture with this descriptor is new, and remember it then."""
         if len(self._kept) and float(differences(self._kept, candidate).min()) < self._threshold:
             return False
         self._kept = np.concatenate([self._kept, candidate[None]])

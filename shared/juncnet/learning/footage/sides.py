@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 
 from juncnet.learning.datasets import Row, Split
 from juncnet.learning.footage.intervals import FootageError
+from juncnet.learning.footage.selection import thinned
 from juncnet.learning.footage.splits import FRACTIONS, deal_frames, deal_groups
 from juncnet.learning.footage.writer import SplitBy
 
@@ -50,6 +51,20 @@ def sides(samples: Sequence[Row], rules: Rules) -> list[Split]:
         counts.setdefault(group[s.clip], Counter())[s.label] += 1
     split_of = deal_groups(counts, chosen, rules.shares, rules.seed)
     return [split_of[group[s.clip]] for s in samples]
+
+
+def within(samples: Sequence[Row], rules: Rules, limit: int | None) -> list[int]:
+    """Return the samples that stay, in order: at most `limit` to learn from, and all of the test.
+
+    Raises:
+        FootageError: a rule names nothing, or a clip is asked for on two sides.
+    """
+    if limit is None:
+        return list(range(len(samples)))
+    fixed = _fixed_clips(samples, rules)
+    learnt = [i for i, s in enumerate(samples) if fixed.get(s.clip) != "test"]
+    kept = {learnt[i] for i in thinned([samples[i] for i in learnt], limit)}
+    return [i for i, s in enumerate(samples) if i in kept or fixed.get(s.clip) == "test"]
 
 
 def _fixed_clips(samples: Sequence[Row], rules: Rules) -> dict[str, Split]:
