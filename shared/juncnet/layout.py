@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from juncnet.links import is_loopback
 from juncnet.messages import Name
@@ -66,9 +66,17 @@ class LinksOptions(BaseModel):
     video: str | None = None
     """Address of its link for video (`router.video_port`); None: the same link."""
     certificates: Path | None = None
-    """Folder of this host's role, made by deploy/certificates; None: no links but plain ones."""
+    """Folder of this host's role, made by deploy/certificates; None: no links but plain ones.
+
+    `--set links.certificates=` names none.
+    """
     allow_anyone_on_the_network_to_fly_this_robot: bool = False
     """Listen or dial beyond this host without certificates."""
+
+    @field_validator("certificates", mode="before")
+    @classmethod
+    def _none(cls, value: Any) -> Any:
+        return None if value == "" else value
 
     @model_validator(mode="after")
     def _not_open_by_accident(self) -> Self:
