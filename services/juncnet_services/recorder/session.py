@@ -5,7 +5,7 @@ import shutil
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from juncnet.bus import Bus
 from juncnet.clocks import Clock
@@ -66,7 +66,7 @@ class Session:
         """Bytes of the newest file."""
         return 0 if self._writer is None else self._writer.size
 
-    def write(self, robot: str, topic: Topic[Message], message: Message) -> bool:
+    def write(self, robot: str, topic: Topic[Any], message: Message) -> bool:
         """Write a message that has just come; return whether a new file began with it."""
         now_ns = self.wall.now_ns()
         key = topic.expression(robot)
