@@ -140,8 +140,10 @@ class Browser:
                 pass
 
     def open(self, url: str) -> None:
-        """Open an address."""
+        """Open an address; the problems of the page before are forgotten."""
         self.call("Page.navigate", url="about:blank")
+        self.run("1")
+        self.problems.clear()
         self.call("Page.navigate", url=url)
 
     def resize(self, width: int, height: int, mobile: bool = False) -> None:
@@ -171,17 +173,22 @@ class Browser:
         """Return the text that an element shows; empty: there is none."""
         return str(self.run(f"document.querySelector({json.dumps(selector)})?.innerText ?? ''"))
 
-    def until(self, script: str, limit_s: float = 15.0) -> Any:
-        """Wait until a JavaScript expression is true, and return its value."""
+    def until(self, script: str, limit_s: float = 15.0) -> None:
+        """Wait until a JavaScript expression holds; while a page loads it may fail."""
         deadline = time.monotonic() + limit_s
-        while not (value := self.run(script)):
+        tried = f"(() => {{ try {{ return !!({script}) }} catch {{ return false }} }})()"
+        while not self.run(tried):
             assert time.monotonic() < deadline, f"not within {limit_s:g} s: {script}"
             time.sleep(0.05)
-        return value
+
+    def until_text(self, selector: str, text: str, limit_s: float = 15.0) -> None:
+        """Wait until an element shows `text` somewhere."""
+        element = f"document.querySelector({json.dumps(selector)})"
+        self.until(f"{element}.innerText.includes({json.dumps(text)})", limit_s)
 
     def press(self, key: str) -> None:
         """Press and release a key."""
-        code, number = KEYS.get(key, (f"Key{key.upper()}", ord(key.upper())))
+        code, number = KEYS.get(key) or (f"Key{key.upper()}", ord(key.upper()))
         fields = {"key": key, "code": code, "windowsVirtualKeyCode": number}
         text = {} if len(key) > 1 else {"text": key}
         self.call("Input.dispatchKeyEvent", type="keyDown", **fields, **text)

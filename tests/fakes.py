@@ -63,8 +63,9 @@ class FakeInbox:
     def put(self, robot: str, message: Any) -> None:
         self.newest = message
         self.waiting.append((robot, message))
-        while len(self.waiting) > self.capacity:
-            self.waiting.popleft()
+        own = [item for item in self.waiting if item[0] == robot]
+        if len(own) > self.capacity:
+            self.waiting.remove(own[0])
 
     def take(self, timeout_s: float = 0.0) -> Any:
         if not self.waiting and timeout_s > 0:

@@ -68,6 +68,7 @@ def served(board: Board, address: Address, about: About) -> Generator[None]:
         try:
             yield
         finally:
+            server.ending = True
             server.shutdown()
             thread.join()
 
@@ -77,6 +78,8 @@ class PageServer(ThreadingHTTPServer):
 
     daemon_threads = True
     block_on_close = False
+    ending = False
+    """Whether connections are closed after the answer that they wait for."""
 
     def __init__(self, board: Board, address: Address, about: About) -> None:
         self.board, self.address, self.about = board, address, about
@@ -189,6 +192,7 @@ class PageHandler(BaseHTTPRequestHandler):
         self._send(status, "application/json", body)
 
     def _send(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+        self.close_connection |= self.server.ending
         self.send_response(status)
         for name, value in HEADERS.items():
             self.send_header(name, value)

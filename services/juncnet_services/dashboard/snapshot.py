@@ -4,6 +4,7 @@ from typing import Any
 
 from juncnet.clocks import NS_PER_S, Instant, age_s
 from juncnet.messages import Health, NavigationState, VehicleState
+from juncnet.topics import SERVICES
 from juncnet_services.dashboard.robots import Robot, Robots
 
 SILENT_S = 3.0
@@ -26,7 +27,7 @@ def _robot(robot: Robot, after: int, now: Instant) -> dict[str, Any]:
         "vehicle": _vehicle(robot, now),
         "processes": [
             _process(health, (now.ns - heard_ns) / NS_PER_S)
-            for health, heard_ns in robot.health.values()
+            for health, heard_ns in sorted(robot.health.values(), key=_in_data_order)
         ],
         "model": None if robot.model is None else robot.model.model.name,
         "follower": None if robot.follower is None else robot.follower.follower,
@@ -69,6 +70,11 @@ def _vehicle(robot: Robot, now: Instant) -> dict[str, Any] | None:
         "height_m": None if pose is None else round(pose.z_m, 1),
         "silent_s": _since(robot.vehicle_ns, now),
     }
+
+
+def _in_data_order(heard: tuple[Health, int]) -> tuple[int, str]:
+    name = heard[0].service
+    return (SERVICES.index(name) if name in SERVICES else len(SERVICES), name)
 
 
 def _process(health: Health, silent_s: float) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 import { colour, FONT, paper } from "./canvas.js";
 
 const SECONDS = 30;
+const LABEL_PX = 16;
 const MARKS = { approached: "▲", turn_started: "↻", left: "✓", mission_finished: "■" };
 
 /** Draws the last seconds of a robot: `history` has scores, smoothed and events. */
@@ -47,6 +48,7 @@ function drawThresholds(pen, box, y, thresholds, width) {
   pen.textBaseline = "middle";
   pen.font = `700 14px ${FONT}`;
   pen.setLineDash([7, 6]);
+  let free = 0;
   for (const [name, word] of Object.entries(names)) {
     const style = colour(name === "certain" ? "junction" : name === "enter" ? "road" : "good");
     pen.strokeStyle = pen.fillStyle = style;
@@ -55,7 +57,10 @@ function drawThresholds(pen, box, y, thresholds, width) {
     pen.moveTo(box.left, y(thresholds[name]));
     pen.lineTo(box.right + 4, y(thresholds[name]));
     pen.stroke();
-    pen.fillText(`${word} ${thresholds[name]}`, box.right + 10, y(thresholds[name]), width - box.right - 10);
+    const line = y(thresholds[name]);
+    free = Math.max(line, free);
+    pen.fillText(`${word} ${thresholds[name]}`, box.right + 10, free, width - box.right - 10);
+    free += LABEL_PX;
   }
   pen.setLineDash([]);
 }

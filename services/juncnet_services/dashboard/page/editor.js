@@ -1,8 +1,8 @@
 // Dialogs: the mission before take-off, and the swap of model and follower.
 import { command } from "./controls.js";
 import { models } from "./link.js";
-import { fill, make } from "./panels.js";
-import { way, wayWord } from "./words.js";
+import { arrow, fill, make } from "./panels.js";
+import { wayWord } from "./words.js";
 
 const $ = (id) => document.getElementById(id);
 const NEXT_WAY = { straight: "left", left: "right", right: "straight" };
@@ -42,7 +42,7 @@ function drawPlan() {
   for (let n = 1; n <= plan.length; n++) {
     const turn = plan.turns.get(n);
     const button = make("button", turn && turn.turn !== "straight" ? "turning" : "",
-      make("span", "way", way(turn)), make("span", "number", n));
+      arrow(turn), make("span", "number", n));
     button.setAttribute("aria-label", `junction ${n}: ${wayWord(turn)}`);
     button.addEventListener("click", () => {
       plan.turns.set(n, { at: n, turn: NEXT_WAY[turn?.turn ?? (turn ? "right" : "straight")] });

@@ -21,9 +21,13 @@ export function fill(element, ...children) {
 
 export function showStatus(robot) {
   const [word, mood] = outputText(robot.vehicle);
-  const parts = [make("span", `pill ${mood}`, word)];
-  if (robot.vehicle?.reason) parts.push(make("span", "why", robot.vehicle.reason));
-  fill($("status"), ...parts);
+  fill($("status"), make("span", `pill ${mood}`, word), make("dl", "facts", ...vitals(robot.vehicle)));
+}
+
+/** A turn as an arrow or an angle, or a tick. */
+export function arrow(turn, done = false) {
+  const angle = turn?.angle_deg !== undefined;
+  return make("span", angle ? "way angle" : "way", done ? "✓" : way(turn));
 }
 
 /** The strip of junctions: done, here, next and to come. */
@@ -39,7 +43,7 @@ export function strip(navigation) {
     const turn = mission.turns.find((t) => t.at === n);
     const next = !finished && n === count + 1 && !here;
     const state = n === here ? "here" : n <= count ? "done" : next ? "next" : "";
-    const cell = make("li", state, make("span", "way", state === "done" ? "✓" : way(turn)), make("span", "number", n));
+    const cell = make("li", state, arrow(state === "done" ? null : turn, state === "done"), make("span", "number", n));
     cell.title = `junction ${n}: ${wayWord(turn)}`;
     if (state === "here") cell.setAttribute("aria-current", "step");
     cells.push(cell);
@@ -51,25 +55,29 @@ function fact(name, value) {
   return make("div", "", make("dt", "", name), make("dd", "", value));
 }
 
+/** What the vehicle measures, as facts. */
+function vitals(vehicle) {
+  if (!vehicle) return [];
+  const facts = [fact(vehicle.measured ? "speed" : "speed told", `${vehicle.speed_mps.toFixed(1)} m/s`)];
+  if (vehicle.height_m !== null && vehicle.kind === "copter") facts.push(fact("height", `${vehicle.height_m} m`));
+  if (vehicle.battery !== null) facts.push(fact("battery", `${Math.round(100 * vehicle.battery)} %`));
+  return facts;
+}
+
 export function showMission(robot) {
   const { navigation, vehicle } = robot;
   fill($("phase"), phaseText(navigation));
-  fill($("reason"), navigation?.reason ?? "");
+  const reasons = new Set([navigation?.reason, vehicle?.reason].filter(Boolean));
+  fill($("reason"), [...reasons].join(" · "));
   fill($("strip"), ...(navigation ? strip(navigation) : []));
   const facts = [];
   if (navigation) {
     const { mission, count, next_turn: next } = navigation;
     facts.push(fact("junctions", count + (mission.finish_after ? ` of ${mission.finish_after}` : "")));
     facts.push(fact("next turn", next ? `${wayWord(next)} at ${next.at}` : "none"));
-    facts.push(fact("mission", mission.name));
   }
-  if (vehicle) {
-    facts.push(fact(vehicle.measured ? "speed" : "speed told", `${vehicle.speed_mps.toFixed(1)} m/s`));
-    if (vehicle.height_m !== null && vehicle.kind === "copter") facts.push(fact("height", `${vehicle.height_m} m`));
-    if (vehicle.battery !== null) facts.push(fact("battery", `${Math.round(100 * vehicle.battery)} %`));
-  }
-  if (robot.model) facts.push(fact("model", robot.model));
   fill($("facts"), ...facts);
+  fill($("vitals"), ...vitals(vehicle));
 }
 
 function cell(text, bad = false) {
@@ -79,7 +87,8 @@ function cell(text, bad = false) {
 export function showProcesses(processes) {
   const rows = processes.map((p) => {
     const silent = p.silent ? ` silent ${Math.round(p.silent_s)} s` : "";
-    const row = make("tr", p.silent ? "silent" : "", cell(p.service + silent), cell(p.rate_hz.toFixed(1)),
+    const row = make("tr", p.silent ? "silent" : "", cell(p.service + silent),
+      cell(p.rate_hz || p.age_ms !== null ? p.rate_hz.toFixed(1) : null),
       cell(p.age_ms?.toFixed(0)), cell(p.p50_ms?.toFixed(1)), cell(p.p99_ms?.toFixed(1)), cell(p.errors, p.errors > 0));
     if (p.last_error) row.title = p.last_error;
     return row;
