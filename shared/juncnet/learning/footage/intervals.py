@@ -102,7 +102,7 @@ def _interval(values: dict[str, str]) -> Interval:
     if end_s <= start_s:
         raise ValueError(f"the interval ends at {end_s:g} s, not after its beginning {start_s:g} s")
     asked = values.get("split", "")
-    split = {str(s): s for s in datasets.SPLITS}.get(asked)
+    split = next((s for s in datasets.SPLITS if s == asked), None)
     if split is None:
         raise ValueError(f"split {asked!r}: use {', '.join(SPLITS)}, or leave it empty")
     site = values.get("site", "")
