@@ -182,3 +182,8 @@ def is_loopback(address: str) -> bool:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
         return host == "localhost"
+
+
+def foreign(endpoint: str) -> dict[str, Any]:
+    """Return the settings of a session with a router of somebody else's network, as ROS 2's."""
+    return _settings("peer", [], [endpoint])

@@ -5,9 +5,9 @@ when neither speaks. Its guard holds when it cannot.
 """
 
 from contextlib import closing
-from typing import Any
+from typing import Any, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from juncnet.bus import Bus
 from juncnet.clocks import Instant
@@ -19,7 +19,7 @@ from juncnet_services.command_output.guard_link import GuardLink
 from juncnet_services.command_output.latch import LastAccepted, Latch
 from juncnet_services.command_output.limits import Limiter, Limits
 from juncnet_services.command_output.setpoints import Setpoints
-from juncnet_services.command_output.vehicles import open_vehicle
+from juncnet_services.command_output.vehicles import check_options, open_vehicle
 
 TICK_S = 0.01
 """The watchdog looks at least this often, whether or not messages come."""
@@ -33,6 +33,11 @@ class Config(Rules):
     options: dict[str, Any] = Field(default_factory=dict)
     """Options of the driver, validated by its own model."""
     limits: Limits = Limits()
+
+    @model_validator(mode="after")
+    def _driver_takes_its_options(self) -> Self:
+        check_options(self.vehicle, self.options)
+        return self
 
 
 def run(bus: Bus, config: Config) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, cast
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from juncnet.messages import Capabilities, GeoPoint, Pose, Velocity
 
@@ -147,6 +147,20 @@ def driver(name: str) -> type[Vehicle]:
         return cast("type[Vehicle]", getattr(importlib.import_module(module), attribute))
     except (ImportError, AttributeError) as error:
         raise ValueError(f"vehicle {name!r} cannot be loaded: {error}") from error
+
+
+def check_options(name: str, options: Mapping[str, Any]) -> None:
+    """Return if the driver `name` exists and takes `options`.
+
+    Raises:
+        ValueError: it does not; the text names the option.
+    """
+    try:
+        driver(name).Options.model_validate(options)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(("options", *map(str, first["loc"])))
+        raise ValueError(f"vehicle {name!r}, {where}: {first['msg']}") from error
 
 
 def open_vehicle(name: str, options: Mapping[str, Any], flight_dir: Path) -> Vehicle:
