@@ -117,8 +117,11 @@ class Ros2Vehicle:
             with contextlib.suppress(OSError):
                 self._socket.sendto(datagram, str(self._path))
         if self._process is not None:
-            with contextlib.suppress(subprocess.TimeoutExpired):
+            try:
                 self._process.wait(2.0)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait(1.0)
         self._socket.close()
         self._own.unlink(missing_ok=True)
 
