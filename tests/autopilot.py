@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 from pymavlink.dialects.v20 import common as dialect
 
@@ -74,7 +74,8 @@ class Autopilot:
 
     def heard(self, data: bytes, now_s: float) -> list[bytes]:
         answers: list[bytes] = []
-        for message in self.mav.parse_buffer(data) or []:
+        messages: Any = self.mav.parse_buffer(data)
+        for message in cast("list[Any]", messages or []):
             match message.get_type():
                 case "HEARTBEAT":
                     self.heartbeats += 1

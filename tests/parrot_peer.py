@@ -36,8 +36,12 @@ def callbacks(kind: Any, **functions: Any) -> Any:
         if name in functions:
             setattr(made, name, kept(c_type(functions[name])))
         elif hasattr(c_type, "_restype_"):
-            setattr(made, name, kept(c_type(lambda *_: None)))
+            setattr(made, name, kept(c_type(nothing)))
     return made
+
+
+def nothing(*_: Any) -> None:
+    """Be called and do nothing."""
 
 
 def tell(interface: Any, name: str, *values: Any) -> None:
@@ -49,7 +53,7 @@ def tell(interface: Any, name: str, *values: Any) -> None:
     made.buffer_type = -1  # as arsdk_cmd_init, which is inline: the description says which
     encode = ctypes.CDLL(str(LIBRARIES / "libarsdk.so")).arsdk_cmd_enc
     assert encode(ctypes.byref(made), ctypes.byref(description), *values) == 0
-    nobody = ctypes.cast(None, od.arsdk_cmd_itf_cmd_send_status_cb_t)
+    nobody = od.arsdk_cmd_itf_cmd_send_status_cb_t()
     assert od.arsdk_cmd_itf_send(interface, ctypes.byref(made), nobody, None) == 0
     od.pomp_buffer_unref(made.buf)
 
@@ -132,8 +136,8 @@ def main(port: int) -> None:
         od.struct_arsdk_peer_conn_cbs, connected=connected, disconnected=disconnected
     )
     accept = kept(od.struct_arsdk_peer_conn_cfg())
-    nothing = kept(ctypes.create_string_buffer(b"{}"))
-    accept.json = ctypes.cast(nothing, od.POINTER_T(ctypes.c_char))
+    empty = kept(ctypes.create_string_buffer(b"{}"))
+    accept.json = ctypes.cast(empty, od.POINTER_T(ctypes.c_char))
 
     def asked(peer: Any, _info: Any, _data: Any) -> None:
         od.arsdk_peer_accept(peer, ctypes.byref(accept), ctypes.byref(connections), loop)

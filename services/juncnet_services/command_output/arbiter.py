@@ -119,7 +119,7 @@ class Arbiter:
         self.latched = latched
         self.last_accepted = last_accepted
         self.refused: Counter[str] = Counter()
-        self._offsets = {} if offsets is None else offsets
+        self._offsets: Mapping[str, Offset] = {} if offsets is None else offsets
         self._manual: _Alive | None = None
         self._pipeline: _Alive | None = None
         self._gate = ReplayGate()
