@@ -91,7 +91,7 @@ class Extraction:
         self._keep(within(self.writer.rows, rules, limit))
         splits = sides(self.writer.rows, rules)
         twins = set[int]()
-        if rules.split_by != "frame":
+        if rules.split_by != "frame" and self._sampling.near_duplicate > 0:
             limit_apart = self._sampling.near_duplicate + MARGIN
             twins = twins_across(splits, np.array(self._descriptors), limit_apart)
             self._keep([i for i in range(len(splits)) if i not in twins])
@@ -125,6 +125,7 @@ def main(argv: list[str]) -> int:
     """Extract frames; 2 when something given is wrong."""
     options = _parser().parse_args(argv)
     try:
+        re.compile(options.site_from or "")
         rules = Rules(
             split_by="frame" if options.seen_sites else options.split_by,
             shares=parse_shares(options.shares),

@@ -102,11 +102,11 @@ def _interval(values: dict[str, str]) -> Interval:
     if end_s <= start_s:
         raise ValueError(f"the interval ends at {end_s:g} s, not after its beginning {start_s:g} s")
     asked = values.get("split", "")
-    split = next((s for s in datasets.SPLITS if s == asked), None)
-    if split is None:
+    known: dict[str, Split] = {str(s): s for s in datasets.SPLITS}
+    if asked not in known:
         raise ValueError(f"split {asked!r}: use {', '.join(SPLITS)}, or leave it empty")
     site = values.get("site", "")
-    return Interval(values["clip"], start_s, end_s, values["class"], site, split)
+    return Interval(values["clip"], start_s, end_s, values["class"], site, known[asked])
 
 
 def _refuse_overlaps(intervals: Sequence[Interval], source: str) -> None:

@@ -1,0 +1,348 @@
+"""`juncnet dataset`: from videos to a data set, its check, and the labelling page's server."""
+
+import http.client
+import json
+import shutil
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+from av.video.frame import VideoFrame
+
+from juncnet.camera import CameraGeometry
+from juncnet.learning.datasets import Row, open_dataset, read_info, read_rows
+from juncnet.learning.footage.drives import junction_drives, labels_of, path_of, poses, road_drives
+from juncnet.learning.footage.intervals import FootageError, read_intervals
+from juncnet.learning.footage.labelling import MarkAction, SeenAction, UndoAction
+from juncnet.simulation.towns import named_world
+from juncnet.simulation.truth import GroundTruth
+from juncnet_services.cli import dataset, dataset_label
+from juncnet_services.cli.dataset_film import write_video as write_i420
+from juncnet_services.cli.dataset_frames import FrameStore
+from juncnet_services.cli.dataset_journal import Journal
+from juncnet_services.cli.dataset_label_server import LabelServer
+from juncnet_services.cli.dataset_videos import Video
+from videos import add_h264, encode, mux, picture, write_video
+
+
+def rows_of(directory: Path) -> list[Row]:
+    return read_rows(directory, read_info(directory))
+
+
+def write_standing(path: Path, index: int, count: int) -> None:
+    """Write a video that shows one picture all the time."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with av.open(str(path), "w") as container:
+        stream = add_h264(container, 320, 240)
+        one = [VideoFrame.from_ndarray(picture(index, 320, 240), format="bgr24")] * count
+        for packet in encode(stream, one):
+            mux(container, packet)
+
+
+@pytest.fixture
+def footage(tmp_path: Path) -> Path:
+    """Class folders: three sites with one clip of each of two classes."""
+    root = tmp_path / "videos"
+    for number, label in enumerate(("none", "junction")):
+        for site in ("elm", "oak", "ash"):
+            write_standing(root / label / site / "a.mp4", 3 + 5 * number + len(root.name), 13)
+    return root
+
+
+def test_class_folders_become_a_data_set_without_near_duplicates(
+    footage: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "set"
+    code = dataset.main(
+        ["extract", str(footage), "--out", str(out), "--every", "0.1", "--seen-sites"]
+    )
+    assert code == 0, capsys.readouterr().err
+    rows = rows_of(out)
+    assert {(r.label, r.clip, r.site, r.time_s) for r in rows} == {
+        (label, f"{label}/{site}/a.mp4", site, 0.0)
+        for label in ("none", "junction")
+        for site in ("elm", "oak", "ash")
+    }, "a clip that stands still gives one frame"
+    info = read_info(out)
+    assert info.classes == ("none", "junction")
+    assert info.notes["split_by"] == "frame"
+    assert "within clips" in info.notes["near_duplicates"]
+    assert open_dataset(out).picture(0).shape == (240, 320, 3)
+
+
+def test_an_interval_file_labels_clips_and_splits_by_site(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = ["clip,from,to,class,site"]
+    for site in ("elm", "oak", "ash", "fir"):
+        write_video(tmp_path / f"{site}.mp4", 50)
+        lines += [f"{site}.mp4,0:00,0.8,none,{site}", f"{site}.mp4,1.2,2,left,{site}"]
+    (tmp_path / "labels.csv").write_text("\n".join(lines) + "\n")
+    out = tmp_path / "set"
+    arguments = ["extract", "--labels", str(tmp_path / "labels.csv"), "--out", str(out)]
+    more = ["--near-duplicate", "0", "--test", "fir", "--limit", "21", "--shares", "67,33,0"]
+    assert dataset.main([*arguments, *more]) == 0, capsys.readouterr().err
+    rows = rows_of(out)
+    assert all((r.time_s < 0.8) == (r.label == "none") for r in rows)
+    assert not [r for r in rows if 0.8 <= r.time_s < 1.2], "what no interval holds is left out"
+    assert {r.site for r in rows if r.split == "test"} == {"fir"}
+    assert len({(r.site, r.split) for r in rows}) == 4
+    assert read_info(out).notes["seen_sites"] == "no"
+    learnt = [r for r in rows if r.split != "test"]
+    assert 18 <= len(learnt) <= 21
+    assert {r.label for r in learnt} == {"none", "left"}
+    assert dataset.main([*arguments]) == 2
+    assert "is not empty" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("labels", "arguments", "says"),
+    [
+        (None, ["{}"], "in no class folder"),
+        (None, [], "name a folder of class folders"),
+        ("clip,from,to,class\nb.mp4,0,1,none\n", ["--labels", "{}/labels.csv"], "not among"),
+        ("clip,from,to,class\na.mp4,0,1,none\n", ["--labels", "{}/labels.csv"], "two classes"),
+        ("clip,from,to\n", ["--labels", "{}/labels.csv"], "no column class"),
+        (None, ["{}", "--shares", "1"], "three numbers"),
+        (None, ["{}", "--site-from", "("], "unterminated"),
+    ],
+)
+def test_wrong_input_is_named(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    labels: str | None,
+    arguments: list[str],
+    says: str,
+) -> None:
+    write_video(tmp_path / "a.mp4", 5)
+    if labels:
+        (tmp_path / "labels.csv").write_text(labels)
+    filled = [argument.format(tmp_path) for argument in arguments]
+    assert dataset.main(["extract", *filled, "--out", str(tmp_path / "set")]) == 2
+    assert says in capsys.readouterr().err
+    assert not (tmp_path / "set" / "dataset.json").exists()
+
+
+def test_commands_and_their_absence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert dataset.main(["--help"]) == 0
+    assert dataset.main([]) == 2
+    assert dataset.main(["extrakt"]) == 2
+    assert "no command 'extrakt'" in capsys.readouterr().err
+
+
+def make_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
+    for number in range(6):
+        site = tmp_path / "v" / ("none" if number % 2 else "junction") / f"s{number}"
+        site.mkdir(parents=True)
+        write_video(site / "a.mp4", 20)
+    out = tmp_path / "set"
+    split = ["--validation", "s0", "s1", "--test", "s2", "s3"]
+    every = ["--near-duplicate", "0", "--every", "0.3"]
+    assert dataset.main(["extract", str(tmp_path / "v"), "--out", str(out), *split, *every]) == 0
+    capsys.readouterr()
+    return out
+
+
+def check(out: Path, capsys: pytest.CaptureFixture[str], *more: str) -> tuple[int, dict[str, Any]]:
+    code = dataset.main(["check", str(out), "--json", *more])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_check_tells_counts_and_writes_contact_sheets(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = make_set(tmp_path, capsys)
+    code, report = check(out, capsys, "--near-duplicate", "0")
+    assert (code, report["sound"]) == (0, True)
+    assert report["counts"]["none"] == {"train": 3, "validation": 3, "test": 3}
+    assert report["sites"]["s3"] == {"none": 3}
+    assert len(report["sheets"]) == 6
+    sheet = cv2.imread(report["sheets"][0])
+    assert sheet is not None
+    assert sheet.shape[1] > 3 * 192
+    assert dataset.main(["check", str(out), "--near-duplicate", "0"]) == 0
+    assert "sound" in capsys.readouterr().out
+
+
+def test_check_names_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = make_set(tmp_path, capsys)
+    rows = rows_of(out)
+    broken, missing = out / rows[0].path, out / rows[4].path
+    broken.write_bytes(broken.read_bytes()[:900])
+    missing.unlink()
+    shutil.copy(out / rows[1].path, out / "pictures" / "stray.jpg")
+    code, report = check(out, capsys)
+    assert code == 1
+    assert set(report["unreadable"]) == {rows[0].path, rows[4].path}
+    assert report["unlisted"] == ["pictures/stray.jpg"]
+    twins = [leak for leak in report["leaks"] if leak["kind"] == "near_duplicate"]
+    assert twins, "all these clips show the same"
+    assert not twins[0]["asked_for"]
+    table = out / "samples.csv"
+    table.write_text(table.read_text().replace(",s2,test,", ",s2,train,").replace(",s3,", ",s1,"))
+    code, report = check(out, capsys)
+    assert {(leak["kind"], leak["what"]) for leak in report["leaks"]} >= {("site", "s1")}
+    assert any("no picture of 'junction' in test" in problem for problem in report["problems"])
+    assert dataset.main(["check", str(tmp_path)]) == 2
+    assert "is no data set" in capsys.readouterr().err
+
+
+def test_frames_come_by_index_in_any_order(tmp_path: Path) -> None:
+    video = Video(write_video(tmp_path / "a.mp4", 40))
+    assert len(video.times_s) == 40
+    assert video.duration_s == pytest.approx(1.6)
+    store = FrameStore(video, 160, cache_bytes=20_000)
+    for index in (0, 1, 30, 7, 39, 12):
+        data = np.frombuffer(store.picture(index), np.uint8)
+        gray = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+        assert gray is not None
+        assert gray.shape == (120, 160)
+        means = np.asarray(gray, float).mean(axis=1).reshape(-1, 8).mean(axis=1)
+        assert int(means.argmax()) == index % 15, "the band stands where this frame has it"
+    with pytest.raises(FootageError, match="no frame 40"):
+        store.picture(40)
+
+
+def test_raw_h264_without_times_counts_its_frames(tmp_path: Path) -> None:
+    video = Video(write_video(tmp_path / "a.h264", 12))
+    assert video.times_s == pytest.approx([k / 25 for k in range(12)])
+    assert [index for index, _ in video.frames(5)] == list(range(5, 12))
+
+
+def test_what_is_no_video_is_said(tmp_path: Path) -> None:
+    (tmp_path / "a.mp4").write_bytes(b"no video")
+    with pytest.raises(FootageError, match=r"a\.mp4 cannot be read"):
+        Video(tmp_path / "a.mp4")
+    with pytest.raises(FootageError, match="does not exist"):
+        Video(tmp_path / "b.mp4")
+
+
+@contextmanager
+def serving(video: Path, out: Path) -> Generator[LabelServer]:
+    session = dataset_label.session_of([video], "none,junction", out, None)
+    server = LabelServer(session)
+    thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        server.server_close()
+        session.close()
+        thread.join(5)
+
+
+def ask(
+    server: LabelServer,
+    path: str,
+    body: str | None = None,
+    token: str | None = None,
+    host: str = "127.0.0.1",
+) -> tuple[int, bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
+    try:
+        mark = "&" if "?" in path else "?"
+        address = f"{path}{mark}token={server.token if token is None else token}"
+        headers = {"Host": f"{host}:{server.server_port}"}
+        connection.request("POST" if body else "GET", address, body, headers)
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+    finally:
+        connection.close()
+
+
+def test_the_labelling_page_saves_every_key_and_goes_on_after_a_crash(tmp_path: Path) -> None:
+    video, out = write_video(tmp_path / "a.mp4", 50), tmp_path / "labels.csv"
+    with serving(video, out) as server:
+        assert b"page.js" in ask(server, "/")[1]
+        assert ask(server, "/page.js")[0] == 200
+        assert len(json.loads(ask(server, "/times?clip=a.mp4")[1])) == 50
+        assert ask(server, "/frame?clip=a.mp4&index=3")[1][:2] == b"\xff\xd8"
+        for action in (
+            MarkAction(clip="a.mp4", at_s=0.0, label="none"),
+            MarkAction(clip="a.mp4", at_s=1.0, label="junction"),
+            SeenAction(clip="a.mp4", to_s=1.6),
+        ):
+            status, state = ask(server, "/action", action.model_dump_json())
+            assert status == 200
+        assert json.loads(state)["clips"][0]["marks"] == [[0.0, "none"], [1.0, "junction"]]
+        # What stands on disk now is what a kill -9 leaves.
+        left = tmp_path / "left"
+        left.mkdir()
+        for name in ("labels.csv", "labels.csv.journal"):
+            shutil.copy(tmp_path / name, left / name)
+    with (left / "labels.csv.journal").open("ab") as journal:
+        journal.write(b'{"kind":"mark","clip":"a.m')  # cut off by the crash
+    shutil.copy(video, left / "a.mp4")
+    found = read_intervals((left / "labels.csv").read_text(), "labels.csv")
+    assert [(i.start_s, i.end_s, i.label) for i in found] == [
+        (0.0, 1.0, "none"),
+        (1.0, 1.6, "junction"),
+    ]
+    with serving(left / "a.mp4", left / "labels.csv") as server:
+        assert server.session.resumed
+        status, state = ask(server, "/action", UndoAction().model_dump_json())
+        assert json.loads(state)["clips"][0]["marks"] == [[0.0, "none"]]
+    (kept,) = read_intervals((left / "labels.csv").read_text(), "labels.csv")
+    assert (kept.end_s, kept.label, kept.site) == (1.6, "none", "a")
+
+
+def test_the_labelling_page_answers_its_owner_only(tmp_path: Path) -> None:
+    video, out = write_video(tmp_path / "a.mp4", 10), tmp_path / "labels.csv"
+    with serving(video, out) as server:
+        assert server.server_address[0] == "127.0.0.1"
+        assert ask(server, "/state", token="guess")[0] == 403
+        assert ask(server, "/state", host="evil.example")[0] == 403
+        action = MarkAction(clip="a.mp4", at_s=0.0, label="none").model_dump_json()
+        assert ask(server, "/action", action, token="")[0] == 403
+        assert ask(server, "/action", action.replace("none", "tree"))[0] == 400
+        assert ask(server, "/action", action.replace("a.mp4", "b.mp4"))[0] == 400
+        assert ask(server, "/action", "{}")[0] == 400
+        assert ask(server, "/frame?clip=a.mp4&index=99")[0] == 404
+        assert ask(server, "/../../etc/passwd")[0] == 404
+        assert server.session.state()["clips"][0]["marks"] == []
+
+
+def test_labels_of_another_hand_and_damaged_journals_are_not_overwritten(tmp_path: Path) -> None:
+    out = tmp_path / "labels.csv"
+    out.write_text("clip,from,to,class\n")
+    with pytest.raises(FootageError, match="not written by this tool"):
+        Journal(out)
+    (tmp_path / "labels.csv.journal").write_text('{"kind":"?"}\n{"kind":"undo"}\n')
+    with pytest.raises(FootageError, match="line 1 is damaged"):
+        Journal(out)
+
+
+def test_wrong_classes_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_video(tmp_path / "a.mp4", 5)
+    for classes in ("junction", "none", "none,none", "none,../x"):
+        assert dataset.main(["label", str(tmp_path), "--classes", classes]) == 2
+    assert "--classes" in capsys.readouterr().err
+
+
+def test_simulated_drives_show_their_junction_and_plain_roads_none(tmp_path: Path) -> None:
+    world, camera = named_world("crossing_town"), CameraGeometry()
+    truth = GroundTruth(world)
+    node = min(truth.network.junctions)
+    rng = np.random.default_rng(1)
+    for drive in junction_drives(world, node, 40.0, 20.0):
+        where = poses(path_of(world, drive), 3.0, 5.0, rng)
+        labels = labels_of(truth, where, camera, drive)
+        passed = [truth.junction_of(x, y) == node for x, y, _ in where.tolist()]
+        assert any(passed)
+        assert "junction" not in labels[passed.index(True) :]
+        steps = np.hypot(*np.diff(where[:, :2], axis=0).T)
+        assert np.median(steps) == pytest.approx(0.6, rel=0.1)
+        assert np.abs(np.diff(where[:, 2])).max() < 0.5, "turns are rounded"
+    for drive in road_drives(world, camera, 20.0)[:4]:
+        where = poses(path_of(world, drive), 3.0, 5.0, rng)
+        assert "junction" not in labels_of(truth, where, camera, drive)
+    frames = [np.full(64 * 48 * 3 // 2, 90 + k, np.uint8) for k in range(4)]
+    assert write_i420(tmp_path / "a" / "b.mp4", frames, (64, 48), 10) == 4
+    assert Video(tmp_path / "a" / "b.mp4").times_s == pytest.approx([0.0, 0.1, 0.2, 0.3])
