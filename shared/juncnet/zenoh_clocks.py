@@ -17,6 +17,8 @@ from juncnet.zenoh_remote import RemoteSession
 ANSWER_S = 1.0
 """Later answers say nothing: their bounds are too wide."""
 TICK_S = 0.05
+END_S = 5.0
+"""A thread that is killed in the middle of a call would take the process with it."""
 IDLE_TICK_S = 0.5
 """While no other clock is wanted."""
 
@@ -58,7 +60,7 @@ class ClockWatch:
     def close(self) -> None:
         """End the thread."""
         self._closing.set()
-        self._thread.join(2 * IDLE_TICK_S)
+        self._thread.join(END_S)
 
     def _run(self) -> None:
         while not self._closing.wait(TICK_S if self._offsets.wanted() else IDLE_TICK_S):

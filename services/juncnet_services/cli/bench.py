@@ -1,10 +1,10 @@
-"""`juncnet bench radon|hop|pipeline`: measures beside what it is compared with, in the same run."""
+"""`juncnet bench radon|hop|pipeline|dashboard`: measures beside what it is compared with."""
 
 import importlib
 import os
 import sys
 
-BENCHMARKS = ("radon", "hop", "pipeline")
+BENCHMARKS = ("radon", "hop", "pipeline", "dashboard")
 
 
 def main(argv: list[str]) -> int:
