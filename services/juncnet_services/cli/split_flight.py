@@ -1,9 +1,7 @@
 """A simulated mission flown from another host: both sides started, disturbed, listened to."""
 
 import contextlib
-import json
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Generator, Sequence
@@ -213,7 +211,7 @@ class SplitFlight:
             "links.allow_anyone_on_the_network_to_fly_this_robot=true",
             f"links.vehicle={ADDRESS[DRONE]}:{PORT}",
             f"links.video={ADDRESS[DRONE]}:{VIDEO_PORT}",
-            # The simulated camera has little noise once it is encoded: at rest it does repeat itself.
+            # Once encoded the simulated camera has little noise: at rest it does repeat itself.
             "frame_capture.frozen_limit=0",
             f"junction_navigation.mission={mission_toml(self._setup.route.mission)}",
         ]
@@ -246,20 +244,3 @@ def log_tails(folder: Path, lines: int = 15) -> str:
     for path in sorted(folder.glob("*/juncnet/*/*.log")):
         texts += [f"--- {path}", *path.read_text(errors="replace").splitlines()[-lines:]]
     return "\n".join(texts)
-
-
-def installed_mb(folder: Path, extra: str) -> float:
-    """Return the MB of a fresh environment in `folder` with this checkout and `extra` in it."""
-    root = Path(__file__).parents[3]
-    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-    target = f"{root}[{extra}]"
-    subprocess.run([str(folder / "bin/pip"), "install", "-q", target], check=True)
-    subprocess.run([str(folder / "bin/pip"), "uninstall", "-q", "-y", "setuptools"], check=False)
-    sizes = {p: p.lstat().st_size for p in folder.rglob("*") if p.is_file() and not p.is_symlink()}
-    pip = sum(size for path, size in sizes.items() if "pip" in path.relative_to(folder).parts[-1:])
-    return (sum(sizes.values()) - pip) / 1e6
-
-
-def write_json(path: Path, figures: object) -> None:
-    """Write figures for keeping."""
-    path.write_text(json.dumps(figures, indent=2) + "\n")
