@@ -68,21 +68,26 @@ class Column:
     pictures: Pictures
 
 
-def column(data: Dataset, limit: int | None = None) -> Column:
+def column(data: Dataset, limit: int | None, preprocessing: Preprocessing) -> Column:
     """Return a test set in memory, `limit` of its judged pictures at most, drawn at random."""
     rows = np.flatnonzero((data.label >= 0) & np.isfinite(data.target).all(axis=1))
     if limit is not None and len(rows) > limit:
         rows = np.sort(np.random.default_rng(5).permutation(rows)[:limit])
     part = data.take(rows)
-    return Column(part, prepared([part], Preprocessing()))
+    return Column(part, prepared([part], preprocessing))
 
 
 def columns_of(
-    parts: Parts, also: dict[str, Dataset], limit: int | None = None
+    parts: Parts,
+    also: dict[str, Dataset],
+    limit: int | None = None,
+    preprocessing: Preprocessing | None = None,
 ) -> dict[str, Column]:
     """Return what all are tested on: unseen sites, seen sites, and further sets by name."""
     sets = {UNSEEN: parts.unseen, SEEN: parts.seen, **also}
-    return {name: column(data, limit) for name, data in sets.items()}
+    return {
+        name: column(data, limit, preprocessing or Preprocessing()) for name, data in sets.items()
+    }
 
 
 def compete(
@@ -106,11 +111,12 @@ def compete(
         pictures_seen=trained.pictures_seen,
         weights=trained.weights,
         training_cpu_s=clock() - started,
-        columns={title: _figures(trained, tested) for title, tested in columns.items()},
+        columns={title: judged(trained, tested) for title, tested in columns.items()},
     )
 
 
-def _figures(trained: Trained, tested: Column) -> GroupScore:
+def judged(trained: Trained, tested: Column) -> GroupScore:
+    """Return how a contestant does on a column."""
     data = tested.data
     site, _ = sites_of(data)
     return main_figures(

@@ -4,6 +4,7 @@
 # pyright: reportUnknownMemberType=false
 
 from pathlib import Path
+from textwrap import fill
 
 from juncnet.learning.evaluation.compare import PAPER_FIGURES, SEEN, UNSEEN, Comparison, Entry
 from juncnet.learning.evaluation.plots import drawing
@@ -83,17 +84,17 @@ def _scores(entry: Entry) -> list[GroupScore]:
     return list(entry.columns.values())
 
 
-def draw(comparison: Comparison, path: Path) -> None:
+def draw(comparison: Comparison, path: Path, title: str = "Table IV") -> None:
     """Draw the balanced accuracy of every contestant on every column with its interval."""
     names = titles(comparison)
-    with drawing(path, 9, 4.5) as figure:
+    with drawing(path, max(7.0, 1.0 * len(comparison.entries)), 4.5) as figure:
         axes = figure.add_subplot()
         width = 0.8 / max(len(names), 1)
-        for place, title in enumerate(names):
+        for place, name in enumerate(names):
             scores = [_scores(entry)[place] for entry in comparison.entries]
             left = [i + (place - (len(names) - 1) / 2) * width for i in range(len(scores))]
             heights = [100 * s.balanced_accuracy for s in scores]
-            axes.bar(left, heights, width, label=title)
+            axes.bar(left, heights, width, label=name)
             for x, s in zip(left, scores, strict=True):
                 if s.balanced_accuracy_interval is not None:
                     low, high = (100 * value for value in s.balanced_accuracy_interval)
@@ -101,8 +102,8 @@ def draw(comparison: Comparison, path: Path) -> None:
         axes.axhline(50, color="grey", lw=0.8, ls=":")
         axes.set_xticks(
             range(len(comparison.entries)),
-            [entry.name.replace(", ", ",\n") for entry in comparison.entries],
+            [fill(entry.name, 13) for entry in comparison.entries],
             fontsize=8,
         )
-        axes.set(ylabel="balanced accuracy, %", ylim=(40, 100), title="Table IV")
+        axes.set(ylabel="balanced accuracy, %", ylim=(40, 100), title=title)
         axes.legend(fontsize=8, loc="upper left")

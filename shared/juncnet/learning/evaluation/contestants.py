@@ -93,6 +93,8 @@ RIVALS: dict[str, Rival] = {
     ),
 }
 CLASSICAL: dict[str, TrainClassical] = {"kNN": train_neighbours, "SVM": train_support_vectors}
+WATCHED = 200
+"""Validation pictures on which networks are watched; nothing is chosen by them."""
 NAMES = (*CLASSICAL, *RIVALS)
 """In the order of the table."""
 
@@ -114,13 +116,19 @@ def train(name: str, data: Pictures, validation: Pictures, budget: Budget) -> Tr
         known = validation.label >= 0
         found = CLASSICAL[name](data.gray, label, validation.gray[known], validation.label[known])
         return Trained(found, found.how, len(data), None)
-    rival = RIVALS[name]
+    return train_network(name, RIVALS[name], data, validation, budget)
+
+
+def train_network(
+    name: str, rival: Rival, data: Pictures, validation: Pictures, budget: Budget
+) -> Trained:
+    """Train a network; `name` is that of its checkpoint, all else is as for `train`."""
     recipe = rival.recipe.model_copy(update={"epochs": budget.epochs})
     extractor = Extractor(recipe.preprocessing)
     torch.manual_seed(budget.seed)
     channels, classes = len(recipe.preprocessing.channels), data.target.shape[1]
     network = rival.make(channels, classes, recipe.dropout)
-    trainer = Trainer(network, data, validation, recipe, budget.seed, extractor)
+    trainer = Trainer(network, data, _watched(validation), recipe, budget.seed, extractor)
     checkpoint = None
     if budget.checkpoints is not None:
         budget.checkpoints.mkdir(parents=True, exist_ok=True)
@@ -135,3 +143,10 @@ def train(name: str, data: Pictures, validation: Pictures, budget: Budget) -> Tr
         trainer.steps * recipe.batch,
         parameters(network),
     )
+
+
+def _watched(validation: Pictures) -> Pictures:
+    known = np.flatnonzero(validation.label >= 0)
+    rows = known[np.linspace(0, len(known) - 1, min(WATCHED, len(known))).astype(int)]
+    arrays = (validation.gray, validation.target, validation.label)
+    return Pictures(*(array[rows] for array in (*arrays, validation.mask, validation.masked)))

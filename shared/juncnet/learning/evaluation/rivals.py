@@ -1,8 +1,8 @@
 """The networks that the paper's Table IV compares with, for 64x64 inputs; none is pretrained.
 
 Each takes features (N, C, 64, 64), float32, and gives logits (N, classes). AlexNet and VGG were
-made for 224x224: here their first strides are smaller, so that as much of the picture is left for the
-later layers as there, and their dense layers are narrower, as is the picture.
+made for 224x224: here their first strides are smaller, so that as much of the picture is left for
+the later layers as there, and their dense layers are narrower, as is the picture.
 """
 
 from torch import Tensor, nn
