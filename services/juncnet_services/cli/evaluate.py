@@ -39,6 +39,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--out", type=Path, help="default: models/evaluate-MODEL-DATA.json")
     parser.add_argument("--json", action="store_true", help="print all of it as one object")
     parser.add_argument("--no-pictures", action="store_true")
+    parser.add_argument("--card", action="store_true", help="put the scores in the model's card")
     return parser.parse_args(argv)
 
 
@@ -71,6 +72,8 @@ def main(argv: list[str]) -> int:
         )
         out = options.out or Path("models") / f"evaluate-{path.stem}-{name.replace(' ', '_')}.json"
         _write(evaluation, given, model, data, out, options)
+        if options.card:
+            _write_card(evaluation, path.with_suffix(".md"))
     except (DatasetError, PlotError, FileNotFoundError, ValueError) as error:
         print(f"juncnet evaluate: {error}", file=sys.stderr)
         return 2
@@ -126,3 +129,10 @@ def _write(
     text = markdown(evaluation, pictures)
     out.with_suffix(".md").write_text(text)
     print(evaluation.model_dump_json() if options.json else text)
+
+
+def _write_card(evaluation: "Evaluation", card: Path) -> None:
+    from juncnet.learning.evaluation.card import with_scores
+
+    text = card.read_text() if card.exists() else f"# {evaluation.model}\n"
+    card.write_text(with_scores(text, evaluation))

@@ -1,4 +1,4 @@
-"""`juncnet evaluate` as one object, as Markdown and as a model's card."""
+"""`juncnet evaluate` as one object and as Markdown."""
 
 from pathlib import Path
 
