@@ -83,6 +83,7 @@ def test_the_guard_holds_height_and_mode_with_the_newest_packet(tmp_path: Path) 
         linked(pilot, tmp_path, take_off_m=1.0) as (vehicle, autopilot),
         GuardLink(vehicle.hold(), tmp_path) as guard,
     ):
+        assert guard.pid is None
         airborne(vehicle, autopilot)
         guard.beat(10.0, vehicle.hold())
         time.sleep(0.6)

@@ -14,6 +14,9 @@ from pathlib import Path
 import psutil
 import pytest
 
+from juncnet_services.command_output.guard_link import GuardLink
+from juncnet_services.command_output.vehicles import Hold
+
 HOLD = b"hold"
 SECOND_HOLD = b"second hold"
 MOVE = b"move"
@@ -205,3 +208,22 @@ def test_goes_on_when_the_vehicle_vanishes(world: World) -> None:
     world.vehicle.settimeout(5.0)
     world.vehicle.bind(str(world.directory / "vehicle.sock"))
     assert world.hear()[0] == HOLD
+
+
+def test_without_a_link_yet_the_predecessors_guard_goes_on_holding(world: World) -> None:
+    world.start().kill()
+    world.until(HOLD)
+    link = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    address = str(world.directory / "vehicle.sock")
+    with GuardLink(None, world.directory) as successor:
+        successor.beat(10.0, None)
+        assert successor.pid is None
+        world.until(HOLD)
+        successor.beat(10.0, Hold(link.fileno(), address, (SECOND_HOLD,)))
+        world.guards[0].wait(5)
+        successor.beat(0.0)
+        world.until(SECOND_HOLD)
+        successor.beat(0.0, Hold(link.fileno(), address, (b"a", b"b"), step_ns=1_000_000_000))
+        numbered = (b"b", b"a")[time.monotonic_ns() // 1_000_000_000 % 2 == 0]
+        world.until(numbered)
+    link.close()

@@ -25,9 +25,9 @@ RESTART_S = 0.5
 class GuardLink:
     """A running guard for the vehicle whose hold packets are `hold`.
 
-    Opening it takes the vehicle over from the guard of a dead predecessor in `directory`. Leaving
-    it by an exception leaves the guard holding; leaving it in order ends the guard.
-    `hold` None (a vehicle without a link): there is nothing to guard.
+    With its first `hold` it takes the vehicle over from the guard of a dead predecessor in
+    `directory`, which holds until then. Leaving it by an exception leaves the guard holding;
+    leaving it in order ends the guard. `hold` None: there is nothing to guard, or nothing yet.
     """
 
     def __init__(self, hold: Hold | None, directory: Path) -> None:
@@ -41,10 +41,8 @@ class GuardLink:
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Self:
-        temporary = self._owner.with_suffix(".new")
-        temporary.write_text(self._token)
-        temporary.replace(self._owner)
         if self._hold is not None:
+            self._take_over()
             self._start(self._hold)
         return self
 
@@ -72,11 +70,14 @@ class GuardLink:
 
         `hold`: what it shall send from now on, where that has changed; on the same link.
         """
+        self._hold = hold or self._hold
         if self._hold is None:
             return
-        self._hold = hold or self._hold
         now_ns = time.monotonic_ns()
-        if self._process is None or self._process.poll() is not None:
+        if self._process is None:
+            self._take_over()
+            self._start(self._hold)
+        elif self._process.poll() is not None:
             if now_ns - self._started_ns < RESTART_S * NS_PER_S:
                 return
             self.restarts += 1
@@ -86,6 +87,11 @@ class GuardLink:
             line |= _packets(self._hold)
         if self._write(json.dumps(line).encode()):
             self._told = self._hold
+
+    def _take_over(self) -> None:
+        temporary = self._owner.with_suffix(".new")
+        temporary.write_text(self._token)
+        temporary.replace(self._owner)
 
     def _start(self, hold: Hold) -> None:
         order = _packets(hold) | {

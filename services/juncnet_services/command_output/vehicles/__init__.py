@@ -105,9 +105,10 @@ class Vehicle(Protocol):
         ...
 
     def hold(self) -> Hold | None:
-        """Return what the guard needs now; None where there is no link to guard.
+        """Return what the guard needs now; None where there is no link to guard, or none yet.
 
-        Asked after every setpoint; a guard is not given to a vehicle whose first answer is None.
+        Asked after every setpoint. The first answer that is not None ends the guard of a dead
+        predecessor: give it when setpoints reach the vehicle, and from then on.
         """
         ...
 

@@ -63,7 +63,7 @@ class BebopVehicle(PacedVehicle):
         self._options = options
         self._out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._out.setblocking(False)
-        self._hold = Hold(self._out.fileno(), None, hold_packets(), STEP_NS)
+        self._hold: Hold | None = None
         self.start()
 
     @contextmanager
@@ -74,6 +74,7 @@ class BebopVehicle(PacedVehicle):
             events.setblocking(False)
             port = self._discover(events.getsockname()[1])
             self._out.connect((self._options.address, port))
+            self._hold = self._hold or Hold(self._out.fileno(), None, hold_packets(), STEP_NS)
             yield BebopLink(events, self._out, self._options.address)
 
     def hold(self) -> Hold | None:

@@ -64,6 +64,7 @@ class MavlinkVehicle(PacedVehicle):
             capabilities = capabilities.model_copy(update=changes)
         self.capabilities = capabilities
         self._at_end: Literal["hold", "land"] = options.at_end
+        self._held = False
         self._link = _open(options.url)
         self.start()
 
@@ -74,6 +75,9 @@ class MavlinkVehicle(PacedVehicle):
 
     def hold(self) -> Hold | None:
         with self._lock:
+            if self._autopilot.seen.system is None and not self._held:
+                return None
+            self._held = True
             packet = self._autopilot.hold_packet()
         return Hold(self._link.fileno(), self._link.peer, (packet,))
 
@@ -90,6 +94,8 @@ class UdpLink:
         self._named = None if listen else (socket.gethostbyname(host), port)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        # The guard of a dead predecessor still has the port, and reads nothing: the newest reads.
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((host, port) if listen else ("", 0))
         except OSError as error:
