@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from juncnet.learning.evaluation.answers import Answers
-from juncnet.learning.evaluation.intervals import interval, site_counts, site_draws
+from juncnet.learning.evaluation.intervals import interval, site_counts
 from juncnet.learning.evaluation.metrics import (
     Ranking,
     accuracy,
@@ -89,11 +89,11 @@ def test_calibration_error_is_the_mean_gap_weighted_by_pictures():
     assert calibration_error(counts, confidence, right) == pytest.approx((0.4 + 0.6) / 10)
 
 
-def test_pictures_of_one_site_are_drawn_together():
-    draws = site_draws(np.array(["a", "a", "b", "c"]), draws=50)
-    assert (draws[:, 0] == draws[:, 1]).all()
-    assert (draws[:, [0, 2, 3]].sum(axis=1) == 3).all()
-    assert (draws[:, 2] != draws[:, 3]).any()
+def test_as_many_sites_are_drawn_as_there_are_some_twice_and_some_never():
+    draws = site_counts(20, draws=50)
+    assert draws.shape == (50, 20)
+    assert (draws.sum(axis=1) == 20).all()
+    assert (draws == 0).any(axis=1).all()
 
 
 def test_interval_of_a_mean_is_as_wide_as_theory_says():

@@ -34,6 +34,11 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument(
         "--split", help="train, validation, test or all (default: test where there is one)"
     )
+    parser.add_argument(
+        "--sites",
+        choices=("unseen", "seen"),
+        help="whether the model was trained on these sites (default: what the splits say)",
+    )
     parser.add_argument("--by", choices=("clip", "site"), default="clip", help="groups of figures")
     parser.add_argument("--name", help="of the data in tables (default: the folder's)")
     parser.add_argument("--out", type=Path, help="default: models/evaluate-MODEL-DATA.json")
@@ -50,7 +55,7 @@ def main(argv: list[str]) -> int:
         from juncnet.learning.datasets import DatasetError, open_dataset
         from juncnet.learning.evaluate import load_model
         from juncnet.learning.evaluation.plots import PlotError
-        from juncnet.learning.evaluation.protocols import protocol_of
+        from juncnet.learning.evaluation.protocols import PROTOCOLS, protocol_of
         from juncnet.learning.evaluation.report import evaluate
 
     name = options.name or options.data.resolve().name
@@ -65,7 +70,7 @@ def main(argv: list[str]) -> int:
             data,
             name=name,
             split=split,
-            protocol=protocol_of(whole, split),
+            protocol=PROTOCOLS.get(options.sites, protocol_of(whole, split)),
             command=_command(options, path),
             machine=f"{origin.cores} cores of {origin.cpu}",
             grouping=options.by,
@@ -94,7 +99,7 @@ def _split(data: "Dataset", wanted: str | None) -> "tuple[str, Dataset]":
 def _command(options: argparse.Namespace, model: Path) -> str:
     """Return the command as somebody else would type it: without this machine's folders."""
     words = ["juncnet", "evaluate", model.stem, options.data.resolve().name]
-    for name in ("split", "name"):
+    for name in ("split", "name", "sites"):
         value = getattr(options, name)
         words += [f"--{name}", value] if value else []
     return shlex.join(words + (["--by", options.by] if options.by != "clip" else []))

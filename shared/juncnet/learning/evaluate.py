@@ -1,6 +1,7 @@
 """Asks a model file about the pictures of a dataset, and times it."""
 
 import hashlib
+import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -130,6 +131,7 @@ def latency(model: LoadedModel, data: Dataset) -> Latency:
         network_p50_ms=1e3 * float(np.median(network_s)),
         total_p50_ms=1e3 * float(np.median(total)),
         total_p99_ms=1e3 * float(np.percentile(total, 99)),
+        load=os.getloadavg()[0],
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
+from torch import nn
 
 from juncnet.features import Extractor
 from juncnet.learning.evaluation.image_sets import ImageSet, digest
@@ -40,6 +41,13 @@ class CurvePoint(BaseModel):
     loss: float
     held_out_accuracy: float
     """Balanced, of the averaged weights where the recipe averages."""
+
+    @classmethod
+    def of(cls, point: Point) -> "CurvePoint":
+        """Return the point of a training."""
+        return cls(
+            samples=point.samples, loss=point.loss, held_out_accuracy=point.balanced_accuracy
+        )
 
 
 class SeedResult(BaseModel):
@@ -132,47 +140,54 @@ def run_row(
     Raises:
         CheckpointError: there is one of another run where this one's should be.
     """
-    recipe = settings.recipe
-    colour = images.train.ndim == 4
-    extractor = (ColourExtractor if colour else Extractor)(recipe.preprocessing)
-    data, held_out = _parts(images)
-    runs: list[SeedResult] = []
-    weights = 0
-    for seed in settings.seeds:
+    bench = _Bench(images, settings)
+    runs = tuple(bench.run(seed, progress) for seed in settings.seeds)
+    return Row(
+        name=settings.name,
+        recipe=settings.recipe,
+        full_epochs=RECIPES[settings.name].epochs,
+        command=command,
+        n_train=len(bench.data),
+        n_held_out=len(bench.held_out),
+        n_test=len(images.test),
+        weights=parameters(bench.network()),
+        runs=runs,
+    )
+
+
+class _Bench:
+    """What the runs of a row have in common."""
+
+    def __init__(self, images: ImageSet, settings: Settings) -> None:
+        self._images, self._settings = images, settings
+        self._colour = images.train.ndim == 4
+        kind = ColourExtractor if self._colour else Extractor
+        self._extractor = kind(settings.recipe.preprocessing)
+        self.data, self.held_out = _parts(images)
+
+    def network(self) -> nn.Module:
+        """Return the paper's network, untrained, for these channels and classes."""
+        channels, classes = 4 if self._colour else 2, len(self._images.classes)
+        return build("paper", channels, classes, self._settings.recipe.dropout)
+
+    def run(
+        self, seed: int, progress: Callable[[int, int, list[Point]], None] | None
+    ) -> SeedResult:
+        """Train from a seed, or go on, and test once."""
+        images, recipe = self._images, self._settings.recipe
         torch.manual_seed(seed)
-        network = build("paper", 4 if colour else 2, len(images.classes), recipe.dropout)
-        weights = parameters(network)
+        network = self.network()
         trainer = SmallPictureTrainer(
-            network, data, held_out, recipe, seed, extractor, images.mirror
+            network, self.data, self.held_out, recipe, seed, self._extractor, images.mirror
         )
-        path = _checkpoint(images, settings, seed)
+        path = _checkpoint(images, self._settings, seed)
         if path is not None and path.exists():
             trainer.resume(path)
         trainer.run(path, progress)
-        answer = predict(network, images.test, extractor).argmax(axis=1)
-        runs.append(
-            SeedResult(
-                seed=seed,
-                test_accuracy=float((answer == images.test_label).mean()),
-                curve=tuple(
-                    CurvePoint(
-                        samples=p.samples, loss=p.loss, held_out_accuracy=p.balanced_accuracy
-                    )
-                    for p in trainer.curve
-                ),
-            )
-        )
-    return Row(
-        name=settings.name,
-        recipe=recipe,
-        full_epochs=RECIPES[settings.name].epochs,
-        command=command,
-        n_train=len(data),
-        n_held_out=len(held_out),
-        n_test=len(images.test),
-        weights=weights,
-        runs=tuple(runs),
-    )
+        answer = predict(network, images.test, self._extractor).argmax(axis=1)
+        curve = [CurvePoint.of(point) for point in trainer.curve]
+        right = float((answer == images.test_label).mean())
+        return SeedResult(seed=seed, test_accuracy=right, curve=tuple(curve))
 
 
 def _parts(images: ImageSet) -> tuple[Pictures, Pictures]:

@@ -13,12 +13,6 @@ DRAWS = 1000
 LEVEL = 0.95
 
 
-def site_draws(site: NDArray[np.str_], draws: int = DRAWS, seed: int = 0) -> NDArray[np.int64]:
-    """Return how often each picture counts (draws, N) when its sites are drawn with replacement."""
-    _, index = np.unique(site, return_inverse=True)
-    return site_counts(int(index.max()) + 1, draws, seed)[:, index]
-
-
 def site_counts(sites: int, draws: int = DRAWS, seed: int = 0) -> NDArray[np.int64]:
     """Return how often each of the sites is drawn: (draws, sites); every row sums to `sites`."""
     rng = np.random.default_rng(seed)

@@ -15,6 +15,7 @@ from juncnet.learning.evaluate import sites_of
 from juncnet.learning.footage.splits import deal_groups
 
 Protocol = Literal["unseen sites", "seen sites", "sites unknown", "no split"]
+PROTOCOLS: dict[str, Protocol] = {"unseen": "unseen sites", "seen": "seen sites"}
 SEEN_SHARE = 0.2
 """Of the pictures of every training site: held back to test on seen sites."""
 

@@ -16,6 +16,9 @@ from juncnet.learning.evaluation.protocols import Protocol
 from juncnet.learning.evaluation.scores import Scores, score
 from juncnet.learning.evaluation.tables import percent, table
 
+SHOWN_GROUPS = 20
+"""More are in the JSON only."""
+
 
 class Evaluation(Scores):
     """How a model does on a set, and where that comes from."""
@@ -92,7 +95,7 @@ def markdown(e: Evaluation, pictures: dict[str, Path]) -> str:
         ),
         "",
     ]
-    if e.groups:
+    if 0 < len(e.groups) <= SHOWN_GROUPS:
         rows = [
             (
                 name,
@@ -135,7 +138,8 @@ def _figures(e: Evaluation) -> list[tuple[str, str]]:
             (
                 "latency, one thread",
                 f"{at.total_p50_ms:.2f} ms median, {at.total_p99_ms:.2f} ms p99 "
-                f"(features {at.features_p50_ms:.2f}, network {at.network_p50_ms:.2f}; n={at.n})",
+                f"(features {at.features_p50_ms:.2f}, network {at.network_p50_ms:.2f}; n={at.n}, "
+                f"load {at.load:.1f})",
             )
         )
     return rows
