@@ -16,18 +16,24 @@ import pytest
 from av.video.frame import VideoFrame
 
 from juncnet.camera import CameraGeometry
+from juncnet.frames import Frame, FrameLayout
 from juncnet.learning.datasets import Row, open_dataset, read_info, read_rows
 from juncnet.learning.footage.drives import junction_drives, labels_of, path_of, poses, road_drives
 from juncnet.learning.footage.intervals import FootageError, read_intervals
 from juncnet.learning.footage.labelling import MarkAction, SeenAction, UndoAction
+from juncnet.messages import PixelFormat, Stamp
+from juncnet.recording import FLIGHT_METADATA
+from juncnet.recording.writer import RecordingWriter
 from juncnet.simulation.towns import named_world
 from juncnet.simulation.truth import GroundTruth
+from juncnet.topics import CAMERA_VIDEO, ROOT
 from juncnet_services.cli import dataset, dataset_label
 from juncnet_services.cli.dataset_film import write_video as write_i420
 from juncnet_services.cli.dataset_frames import FrameStore
 from juncnet_services.cli.dataset_journal import Journal
 from juncnet_services.cli.dataset_label_server import LabelServer
-from juncnet_services.cli.dataset_videos import Video
+from juncnet_services.cli.dataset_videos import Video, videos_in
+from juncnet_services.recorder.video import Encoder
 from videos import add_h264, encode, mux, picture, write_video
 
 
@@ -213,6 +219,25 @@ def test_raw_h264_without_times_counts_its_frames(tmp_path: Path) -> None:
     video = Video(write_video(tmp_path / "a.h264", 12))
     assert video.times_s == pytest.approx([k / 25 for k in range(12)])
     assert [index for index, _ in video.frames(5)] == list(range(5, 12))
+
+
+def test_a_recording_is_footage_with_its_own_times(tmp_path: Path) -> None:
+    encoder, frames = Encoder(23, 10), [picture(index, 320, 240) for index in range(8)]
+    layout = FrameLayout.packed(PixelFormat.BGR8, 320, 240)
+    writer = RecordingWriter(tmp_path / "f-000.mcap")
+    writer.metadata(FLIGHT_METADATA, {"flight": "f", "robot": "r"})
+    for index, pixels in enumerate(frames):
+        header = Stamp(epoch=1, sequence=index, time_ns=10**9 + index * 10**8, clock="c")
+        packet = encoder.encode(Frame(header, layout, pixels.reshape(-1)))
+        writer.message(f"{ROOT}/r/{CAMERA_VIDEO.key}", packet, header.time_ns, header.time_ns)
+    writer.close()
+    video = Video(tmp_path / "f-000.mcap")
+    assert video.times_s == pytest.approx([index / 10 for index in range(8)])
+    assert [index for index, _ in video.frames(3)] == [3, 4, 5, 6, 7]
+    (tmp_path / "f-001.mcap").write_bytes(b"")
+    assert videos_in(tmp_path) == [tmp_path / "f-000.mcap"]
+    with pytest.raises(FootageError, match=r"not one of juncnet record|not an MCAP file"):
+        Video(tmp_path / "f-001.mcap")
 
 
 def test_what_is_no_video_is_said(tmp_path: Path) -> None:

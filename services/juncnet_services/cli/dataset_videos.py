@@ -1,7 +1,10 @@
 """Videos as footage: where they are, when each of their frames is, and the frames themselves."""
 
+import shutil
+import weakref
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 import av
@@ -16,17 +19,19 @@ from numpy.typing import NDArray
 from juncnet.frames import Frame
 from juncnet.learning.footage.intervals import FootageError
 from juncnet.messages import Stamp
+from juncnet_services.cli.dataset_recordings import is_first_part, write_stream
 from juncnet_services.frame_capture.contract import Counts
 from juncnet_services.frame_capture.decoding import Decoder
 from juncnet_services.frame_capture.planes import picture_of
 
-SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".ts", ".mts", ".webm", ".h264", ".264")
+RECORDING = ".mcap"
+SUFFIXES = (RECORDING, *".mp4 .mov .m4v .mkv .avi .ts .mts .webm .h264 .264".split())
 USUAL_FPS = 25.0
 """For files that do not tell the times of their frames."""
 
 
 class Video:
-    """A video file: the times of its frames, and its frames from any of them on."""
+    """A video file or a recording: the times of its frames, and its frames from any of them on."""
 
     def __init__(self, path: Path) -> None:
         """Read the times of all frames; nothing is decoded.
@@ -34,10 +39,16 @@ class Video:
         Raises:
             FootageError: there is no video at `path`, or it is damaged from the start.
         """
-        self.path = path
+        self.path, self._file = path, path
         self.counts = Counts()
         """What was damaged in what was decoded so far."""
-        with _open(path) as container:
+        taken_s: Sequence[float] = ()
+        if path.suffix.lower() == RECORDING:
+            folder = mkdtemp(prefix="juncnet-")
+            weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+            self._file = Path(folder) / "video.h264"
+            taken_s = write_stream(path, self._file)
+        with _open(self._file) as container:
             stream = container.streams.video[0]
             self.width, self.height = stream.width, stream.height
             stamps = [packet.pts for packet in _packets(container, stream) if packet.size]
@@ -50,6 +61,8 @@ class Video:
             self.times_s = [(stamp - known[0]) * base for stamp in known]
         else:
             self.times_s = [index * step_s for index in range(len(stamps))]
+        if len(taken_s) == len(self.times_s):
+            self.times_s = list(taken_s)
         if not self.times_s:
             raise FootageError(f"{path} has no pictures: is it complete? Try it with `ffprobe`")
         self.duration_s = self.times_s[-1] + step_s
@@ -59,7 +72,7 @@ class Video:
 
         What is damaged is left out, up to the next key frame, as in flight.
         """
-        with _open(self.path) as container:
+        with _open(self._file) as container:
             stream = container.streams.video[0]
             if self._index and first > 0:
                 stamp = next(s for s, index in self._index.items() if index == first)
@@ -99,6 +112,7 @@ def videos_in(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise FootageError(f"{folder} is no folder: name one with videos in it")
     found = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
+    found = [p for p in found if p.suffix.lower() != RECORDING or is_first_part(p)]
     if not found:
         raise FootageError(f"{folder} has no videos: their names end in {', '.join(SUFFIXES)}")
     return found
