@@ -44,8 +44,8 @@ def flights_folder(monkeypatch: pytest.MonkeyPatch) -> Generator[Path]:
 class Flying:
     """All processes of a flight, and a bus that listens; a context."""
 
-    def __init__(self, setup: Setup) -> None:
-        self.demo = Demo(setup)
+    def __init__(self, setup: Setup, beside: Sequence[str] = ()) -> None:
+        self.demo = Demo(setup, beside)
         self.flight = self.demo.flight
 
     def __enter__(self) -> "Flying":

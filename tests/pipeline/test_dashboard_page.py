@@ -127,6 +127,7 @@ def test_space_stops_within_a_third_of_a_second_wherever_the_cursor_is(
         browser.until("document.getElementById('swapper').open")
         browser.run("document.getElementById('model').focus()")
         stops(lambda: browser.press(" "))
+        stops(lambda: browser.click("#stop"))
         kinds = {order.kind for _, order, _ in shown.bus.orders}
         assert kinds == {m.OverrideKind.HOLD}  # the focused button did not act
     assert browser.problems == []

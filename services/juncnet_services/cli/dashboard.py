@@ -6,6 +6,7 @@ printed has a key behind the #: who has it commands. With --view-only nobody doe
 
 import argparse
 import contextlib
+import os
 import sys
 import threading
 import time
@@ -21,7 +22,7 @@ from juncnet_services.cli.local_flights import running_flights
 from juncnet_services.dashboard.access import Right, new_address
 from juncnet_services.dashboard.board import Board
 from juncnet_services.dashboard.pages import served
-from juncnet_services.dashboard.service import Config, about, listen
+from juncnet_services.dashboard.service import NICENESS, Config, about, listen
 
 SECTION = "dashboard"
 POLL_S = 0.5
@@ -98,9 +99,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--port", type=int, help="on the loopback interface (default: a free one)")
     parser.add_argument("--view-only", action="store_true", help="the page cannot command")
-    parser.add_argument(
-        "--layout", help="whose options count (default: the flight's)"
-    )
+    parser.add_argument("--layout", help="whose options count (default: the flight's)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.OPTION=VALUE", help="repeatable"
     )
@@ -110,6 +109,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
 def main(argv: list[str]) -> int:
     """Serve until interrupted; 1 when there is nothing to show, 2 for wrong options."""
     options = arguments(argv)
+    os.nice(NICENESS)
     try:
         wanted = targets(options.connect, options.robot)
         config = configuration(options, wanted[0])

@@ -118,8 +118,9 @@ class Robot:
                 raise TypeError(f"a robot does not say {type(message).__name__}")
 
     def note(self, kind: str, text: str, at_s: float | None = None, **more: Any) -> None:
-        """Add an event to the page's list; `at_s` is on the robot's clock."""
-        self.events.add({"kind": kind, "text": text, "t": at_s, **more})
+        """Add an event to the page's list; `at_s` is on the robot's clock, None: just now."""
+        row = {"kind": kind, "text": text, "t": at_s, "heard_ns": self.heard_ns, **more}
+        self.events.add(row)
 
     def _take_navigation(self, state: NavigationState) -> None:
         if self.flight and state.flight != self.flight:

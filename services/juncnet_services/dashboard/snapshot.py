@@ -36,7 +36,8 @@ def _robot(robot: Robot, after: int, now: Instant) -> dict[str, Any]:
         "smoothed": robot.smoothed.after(after),
         "path": robot.path.after(after),
         "events": [
-            row | {"ago_s": _ago(robot, row["t"], now)} for row in robot.events.after(after)
+            row | {"ago_s": _ago(robot, row["t"], row["heard_ns"], now)}
+            for row in robot.events.after(after)
         ],
     }
 
@@ -100,10 +101,9 @@ def _since(then_ns: int | None, now: Instant) -> float | None:
     return None if then_ns is None else round((now.ns - then_ns) / NS_PER_S, 2)
 
 
-def _ago(robot: Robot, then_s: float | None, now: Instant) -> float | None:
-    """Return how long ago something happened on the robot's clock, where that is known."""
+def _ago(robot: Robot, then_s: float | None, heard_ns: int, now: Instant) -> float | None:
+    """Return how long ago something happened by the robot's clock, else how long it was heard."""
     state = robot.vehicle
     if then_s is None or state is None:
-        return None
-    then = Instant(round(then_s * NS_PER_S), state.at.clock)
-    return age_s(then, now)
+        return _since(heard_ns, now)
+    return age_s(Instant(round(then_s * NS_PER_S), state.at.clock), now)

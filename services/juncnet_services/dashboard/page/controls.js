@@ -61,6 +61,12 @@ export function armed(button, question, act) {
   });
 }
 
+/** Opens a dialog, alone, and not as a modal one: stop works while it is open. */
+export function open(dialog) {
+  document.querySelector("dialog[open]")?.close();
+  dialog.show();
+}
+
 /** Calls actions by key. Space stops wherever the cursor is, before anything else sees the key. */
 export function listenForKeys(actions) {
   window.addEventListener(
@@ -73,7 +79,11 @@ export function listenForKeys(actions) {
         return;
       }
       if (event.ctrlKey || event.altKey || event.metaKey || event.repeat) return;
-      if (event.target instanceof HTMLInputElement || document.querySelector("dialog[open]")) return;
+      const dialog = document.querySelector("dialog[open]");
+      if (dialog) {
+        if (event.key === "Escape") dialog.close();
+        return;
+      }
       if (/^[0-9]$/.test(event.key)) actions.choose(Number(event.key));
       else actions[event.key.toLowerCase()]?.();
     },

@@ -1,5 +1,5 @@
 // Dialogs: the mission before take-off, and the swap of model and follower.
-import { command } from "./controls.js";
+import { command, open } from "./controls.js";
 import { models } from "./link.js";
 import { arrow, fill, make } from "./panels.js";
 import { wayWord } from "./words.js";
@@ -25,7 +25,7 @@ export function editMission(robot) {
   };
   $("endless").checked = plan.endless;
   drawPlan();
-  $("editor").showModal();
+  open($("editor"));
 }
 
 /** Says in the editor, while it is open, whether a mission can be sent now. */
@@ -91,7 +91,7 @@ export async function openSwap(robot, followers) {
   $("follower").value = robot.follower ?? followers[0] ?? "";
   showServed(robot);
   fill($("followers"), ...followers.map((name) => new Option(name)));
-  $("swapper").showModal();
+  open($("swapper"));
   fill($("models"), ...(await models().catch(() => [])).map((name) => new Option(name)));
 }
 

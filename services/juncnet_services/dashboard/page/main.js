@@ -1,6 +1,6 @@
 // Asks for the state and for pictures, as often as they can be shown, and shows them.
 import { drawChart } from "./chart.js";
-import { armed, command, listenForKeys, say, stop, stopWord } from "./controls.js";
+import { armed, command, listenForKeys, open, say, stop, stopWord } from "./controls.js";
 import { connectDialogs, editMission, openSwap, showMayEdit, showServed } from "./editor.js";
 import { state, still } from "./link.js";
 import { drawMap } from "./map.js";
@@ -197,7 +197,7 @@ function showSummary(robot) {
   } else if (!summarised.has(flight)) {
     summarised.add(flight);
     fill($("sums"), ...summaryRows(robot));
-    $("summary").showModal();
+    open($("summary"));
   }
 }
 
@@ -219,7 +219,7 @@ const otherTheme = () => setTheme(ownTheme() === "dark" ? "light" : "dark");
 const stopNow = () => act(() => stop(aimed()));
 
 $("theme").addEventListener("click", otherTheme);
-$("keys").addEventListener("click", () => $("help").showModal());
+$("keys").addEventListener("click", () => open($("help")));
 $("stop").addEventListener("click", stopNow);
 armed($("resume"), "Sure?", () => command(aimed(), { do: "resume" }, "Resume"));
 armed($("land"), "Sure?", () => command(aimed(), { do: "land" }, "Land"));
@@ -239,7 +239,7 @@ listenForKeys({
   m: press("edit"),
   s: press("swap"),
   t: otherTheme,
-  "?": () => $("help").showModal(),
+  "?": () => open($("help")),
 });
 window.addEventListener("resize", () => about && show());
 watchState();

@@ -69,6 +69,7 @@ export function showMission(robot) {
   fill($("phase"), phaseText(navigation));
   const reasons = new Set([navigation?.reason, vehicle?.reason].filter(Boolean));
   fill($("reason"), [...reasons].join(" · "));
+  $("reason").classList.toggle("calm", navigation?.phase === "finished");
   fill($("strip"), ...(navigation ? strip(navigation) : []));
   const facts = [];
   if (navigation) {
