@@ -25,7 +25,8 @@ from juncnet_services.frame_capture.decoding import Decoder
 from juncnet_services.frame_capture.planes import picture_of
 
 RECORDING = ".mcap"
-SUFFIXES = (RECORDING, *[".mp4", ".mov", ".m4v", ".mkv", ".avi", ".ts", ".mts", ".webm", ".h264", ".264"])
+CONTAINERS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".ts", ".mts", ".webm", ".h264", ".264")
+SUFFIXES = (RECORDING, *CONTAINERS)
 USUAL_FPS = 25.0
 """For files that do not tell the times of their frames."""
 
