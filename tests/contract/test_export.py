@@ -1,5 +1,4 @@
-"""What is trained in torch answers the same in onnxruntime, and learns what can be learnt."""
-
+"""What is trained in torch answers the same in onnxruntime, and its file can be trained further."""
 
 # Torch leaves these of its own members without types.
 # pyright: reportUnknownMemberType=false
@@ -8,31 +7,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 pytest.importorskip("torch", reason="torch is not installed: deploy/test --with-train")
 
 import torch
+from torch import nn
 
 from juncnet.camera import FAR_HEIGHTS, NEAR_ROW, CameraGeometry
-from juncnet.features import Extractor, Preprocessing
+from juncnet.features import Preprocessing
 from juncnet.learning.export import TOLERANCE, export
-from juncnet.learning.samples import Samples
 from juncnet.learning.synthetic import target
-from juncnet.learning.train import balanced_accuracy, fit, predict
+from juncnet.learning.weights import WeightsError, round_to_int8, start_from
 from juncnet.modelfile import ModelMetadata
 from juncnet.network import Architecture, PaperNet, build
 from juncnet_services.junction_inference.model import Model
 
-GRAY = Preprocessing(channels=("gray",))
 
-
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
-@pytest.mark.parametrize("architecture", ["paper", "robust"])
-def test_onnx_answers_as_torch_does(architecture: Architecture, tmp_path: Path) -> None:
-    torch.manual_seed(1)
-    network = build(architecture)
-    metadata = ModelMetadata(
+def metadata(architecture: Architecture) -> ModelMetadata:
+    return ModelMetadata(
         name="m",
         architecture=architecture,
         classes=("none", "junction"),
@@ -40,13 +32,81 @@ def test_onnx_answers_as_torch_does(architecture: Architecture, tmp_path: Path) 
         near_row=NEAR_ROW,
         far_heights=FAR_HEIGHTS,
     )
-    assert export(network, metadata, tmp_path / "m.onnx") < TOLERANCE
-    model = Model(tmp_path / "m.onnx")
-    assert model.metadata == metadata
-    features = np.random.default_rng(0).random((5, 2, 64, 64), np.float32)
+
+
+def seasoned(architecture: Architecture) -> nn.Module:
+    """Return a network whose normalisation has seen something, so that folding it would show."""
+    torch.manual_seed(1)
+    network = build(architecture)
+    network.train()
     with torch.no_grad():
-        expected = torch.softmax(network.eval()(torch.from_numpy(features)), 1).numpy()
+        network(3 * torch.rand(32, 2, 64, 64) + 1)
+    return network.eval()
+
+
+def probabilities(network: nn.Module, features: np.ndarray) -> np.ndarray:
+    with torch.no_grad():
+        return torch.softmax(network(torch.from_numpy(features)), 1).numpy()
+
+
+@pytest.mark.parametrize("int8", [False, True])
+@pytest.mark.parametrize("architecture", ["paper", "robust"])
+def test_onnx_answers_as_torch_does(architecture: Architecture, int8: bool, tmp_path: Path) -> None:
+    network = seasoned(architecture)
+    exported = export(network, metadata(architecture), tmp_path / "m.onnx", int8)
+    assert exported.deviation < TOLERANCE
+    assert (exported.rounding > 0) is int8
+    model = Model(tmp_path / "m.onnx")
+    assert model.metadata == metadata(architecture)
+    features = np.random.default_rng(0).random((5, 2, 64, 64), np.float32)
+    if int8:
+        round_to_int8(network)
+    expected = probabilities(network, features)
     np.testing.assert_allclose(model.probabilities(features), expected, atol=TOLERANCE)
+
+
+def test_int8_takes_a_quarter_of_the_bytes(tmp_path: Path) -> None:
+    network = seasoned("paper")
+    export(network, metadata("paper"), tmp_path / "whole.onnx")
+    export(network, metadata("paper"), tmp_path / "packed.onnx", int8=True)
+    whole, packed = ((tmp_path / f"{n}.onnx").stat().st_size for n in ("whole", "packed"))
+    assert packed < 0.27 * whole
+
+
+@pytest.mark.parametrize("int8", [False, True])
+@pytest.mark.parametrize("architecture", ["paper", "robust"])
+def test_training_goes_on_from_a_file(
+    architecture: Architecture, int8: bool, tmp_path: Path
+) -> None:
+    network = seasoned(architecture)
+    export(network, metadata(architecture), tmp_path / "m.onnx", int8)
+    other = build(architecture)
+    start_from(other, tmp_path / "m.onnx", same_classes=True)
+    if int8:
+        round_to_int8(network)
+    features = np.random.default_rng(0).random((3, 2, 64, 64), np.float32)
+    expected = probabilities(network, features)
+    np.testing.assert_allclose(probabilities(other.eval(), features), expected, atol=1e-5)
+
+
+def test_other_classes_keep_all_but_the_last_layer(tmp_path: Path) -> None:
+    network = seasoned("robust")
+    export(network, metadata("robust"), tmp_path / "m.onnx")
+    other = build("robust", classes=4)
+    start_from(other, tmp_path / "m.onnx", same_classes=False)
+    mine, theirs = other.state_dict(), network.state_dict()
+    differ = {k for k in mine if mine[k].shape != theirs[k].shape}
+    assert differ == {"body.10.weight", "body.10.bias"}
+    assert torch.equal(mine["body.8.weight"], theirs["body.8.weight"])
+
+
+def test_another_architecture_is_refused(tmp_path: Path) -> None:
+    export(seasoned("robust"), metadata("robust"), tmp_path / "m.onnx")
+    with pytest.raises(WeightsError, match="same architecture"):
+        start_from(build("paper"), tmp_path / "m.onnx", same_classes=True)
+    (tmp_path / "no.onnx").write_bytes(b"nothing")
+    with pytest.raises(WeightsError, match="not a readable ONNX file"):
+        start_from(build("paper"), tmp_path / "no.onnx", same_classes=True)
 
 
 def test_the_paper_s_network_has_its_layers() -> None:
@@ -61,50 +121,3 @@ def test_the_target_is_one_half_where_the_band_begins_and_ends() -> None:
     band = camera.band
     mouths = np.array([band.d_far_m, band.d_near_m, (band.d_far_m + band.d_near_m) / 2, np.inf, 0])
     np.testing.assert_allclose(target(mouths, camera), [0.5, 0.5, 1, 0, 0], atol=1e-6)
-
-
-def samples(n: int, seed: int) -> Samples:
-    """Pictures of noise; in those of junctions there is a bright cross."""
-    rng = np.random.default_rng(seed)
-    gray = rng.integers(60, 120, (n, 64, 64), dtype=np.uint8)
-    label = (np.arange(n) % 2).astype(np.uint8)
-    gray[label == 1, 28:36, :] = 220
-    gray[label == 1, :, 28:36] = 220
-    return Samples(
-        gray=gray,
-        target=label.astype(np.float32),
-        label=label,
-        mouth_m=np.ones(n, np.float32),
-        height_m=np.ones(n, np.float32),
-        site=np.arange(n),
-    )
-
-
-def test_training_learns_and_repeats_by_seed() -> None:
-    extractor = Extractor(GRAY)
-    outcomes: list[NDArray[np.float32]] = []
-    for _ in range(2):
-        torch.manual_seed(3)
-        network = build("robust", channels=1)
-        fit(
-            network,
-            samples(256, 0),
-            samples(32, 1),
-            extractor,
-            epochs=5,
-            batch=32,
-            rate=8e-3,
-            seed=3,
-        )
-        outcomes.append(predict(network, samples(32, 2), extractor))
-    np.testing.assert_array_equal(outcomes[0], outcomes[1])
-    assert balanced_accuracy(outcomes[0], samples(32, 2).label) == 1.0
-
-
-def test_samples_survive_the_disk(tmp_path: Path) -> None:
-    written = samples(6, 0)
-    written.save(tmp_path / "s.npz")
-    read = Samples.load(tmp_path / "s.npz")
-    np.testing.assert_array_equal(read.gray, written.gray)
-    np.testing.assert_array_equal(read.site, written.site)
-    assert len(Samples.concatenate([read, read])) == 12

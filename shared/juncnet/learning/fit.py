@@ -72,7 +72,8 @@ class Trainer:
         if isinstance(network, RobustNet) and recipe.mask_weight > 0:
             self._network = WithMask(network)
         self._network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]  # torch's stubs lack it
-        self._average = {k: v.clone() for k, v in network.state_dict().items()}
+        self.averaged = {k: v.clone() for k, v in network.state_dict().items()}
+        """Running average of the weights by name: what is judged and exported."""
         kind = torch.optim.Adam if recipe.optimiser == "adam" else torch.optim.AdamW
         self._optimiser = kind(
             self._network.parameters(), lr=recipe.rate, weight_decay=recipe.weight_decay
@@ -114,15 +115,15 @@ class Trainer:
             self.save(checkpoint)
         if self.step < self.steps:
             return False
-        self._inner.load_state_dict(self._average)
+        self._inner.load_state_dict(self.averaged)
         return True
 
     def _one_step(self) -> None:
-        chosen = self._chosen()
+        chosen = self.chosen()
         rng = np.random.default_rng([self.seed, 1, self.step])
         torch.manual_seed(self.seed * 1_000_003 + self.step)
         for group in self._optimiser.param_groups:
-            group["lr"] = self._rate()
+            group["lr"] = self.rate()
         loss = self._loss(chosen, rng)
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()
@@ -131,7 +132,7 @@ class Trainer:
         self._loss_sum += loss.item()
         self._follow()
 
-    def _chosen(self) -> NDArray[np.int64]:
+    def chosen(self) -> NDArray[np.int64]:
         """Return which pictures this step sees: epochs are shuffled one by one, and joined."""
         n, batch = len(self._data), self.recipe.batch
         first, wanted = self.step * batch, list[NDArray[np.int64]]()
@@ -144,7 +145,8 @@ class Trainer:
             wanted.append(self._order[begin : begin + batch - sum(map(len, wanted))])
         return np.concatenate(wanted)
 
-    def _rate(self) -> float:
+    def rate(self) -> float:
+        """Return the learning rate of this step."""
         if self.recipe.schedule == "constant":
             return self.recipe.rate
         done = (self.step + 1) / self.steps
@@ -176,7 +178,7 @@ class Trainer:
         decay = min(self.recipe.average, (1 + self.step) / (10 + self.step))
         with torch.no_grad():
             for name, value in self._inner.state_dict().items():
-                kept = self._average[name]
+                kept = self.averaged[name]
                 if self.recipe.average and value.is_floating_point():
                     kept.lerp_(value, 1 - decay)
                 else:
@@ -184,7 +186,7 @@ class Trainer:
 
     def _judge(self, steps: int) -> None:
         own = {k: v.clone() for k, v in self._inner.state_dict().items()}
-        self._inner.load_state_dict(self._average)
+        self._inner.load_state_dict(self.averaged)
         known = self._validation.label >= 0
         answer = predict(self._inner, self._validation.gray[known], self._extractor)
         accuracy = balanced_accuracy(answer, self._validation.label[known])
@@ -199,7 +201,7 @@ class Trainer:
             "what": self._identity(),
             "step": self.step,
             "network": self._network.state_dict(),
-            "average": self._average,
+            "average": self.averaged,
             "optimiser": self._optimiser.state_dict(),
             "curve": [asdict(point) for point in self.curve],
             "loss_sum": self._loss_sum,
@@ -212,9 +214,12 @@ class Trainer:
         """Go on from the state in `path`.
 
         Raises:
-            CheckpointError: it belongs to another recipe, seed or other data.
+            CheckpointError: it belongs to another recipe, seed or other data, or is damaged.
         """
-        state = torch.load(path, weights_only=True)
+        try:
+            state = torch.load(path, weights_only=True)
+        except Exception as error:  # torch raises many classes for a damaged file
+            raise CheckpointError(f"{path}: it cannot be read: start without --resume") from error
         for name, value in self._identity().items():
             if state["what"].get(name) != value:
                 raise CheckpointError(
@@ -224,7 +229,7 @@ class Trainer:
                 )
         self.step = int(state["step"])
         self._network.load_state_dict(state["network"])
-        self._average = state["average"]
+        self.averaged = state["average"]
         self._optimiser.load_state_dict(state["optimiser"])
         self.curve = [Point(**point) for point in state["curve"]]
         self._loss_sum = float(state["loss_sum"])

@@ -1,0 +1,250 @@
+"""Training: learns what can be learnt, repeats by seed, and resumes as if never interrupted."""
+
+# Torch leaves these of its own members without types.
+# pyright: reportUnknownMemberType=false
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+pytest.importorskip("torch", reason="torch is not installed: deploy/test --with-train")
+
+import torch
+
+from juncnet.features import Extractor, Preprocessing
+from juncnet.learning.augment import mirror, vary
+from juncnet.learning.datasets import DatasetError, DatasetInfo, Row, open_dataset, write_dataset
+from juncnet.learning.fit import CheckpointError, Trainer, cross_entropy, predict
+from juncnet.learning.pictures import Pictures
+from juncnet.learning.recipes import PAPER, PRESETS, Recipe
+from juncnet.learning.train import Order, divide, recipe_from, train
+from juncnet.learning.weights import WeightsError
+from juncnet.network import build
+from juncnet_services.cli import train as command
+
+GRAY = Preprocessing(channels=("gray",), standardisation="per_image")
+QUICK = Recipe(preprocessing=GRAY, epochs=7, batch=32, rate=4e-3, average=0.9, bfloat16=False)
+
+
+def cross(n: int, seed: int) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Return pictures of noise and labels; in those of junctions there is a bright cross."""
+    rng = np.random.default_rng(seed)
+    gray = rng.integers(60, 120, (n, 64, 64), dtype=np.uint8)
+    label = np.arange(n) % 2
+    gray[label == 1, 28:36, :] = 220
+    gray[label == 1, :, 28:36] = 220
+    return gray, label
+
+
+def pictures(n: int, seed: int, masked: bool = True) -> Pictures:
+    gray, label = cross(n, seed)
+    mask = np.zeros((n, 32, 32), np.uint8)
+    mask[label == 1, 14:18] = 2
+    target = np.eye(2, dtype=np.float32)[label]
+    return Pictures(gray, target, label, mask, np.full(n, masked))
+
+
+def trainer(recipe: Recipe = QUICK, seed: int = 3, n: int = 96) -> Trainer:
+    torch.manual_seed(seed)
+    network = build(recipe.architecture, len(recipe.preprocessing.channels))
+    extractor = Extractor(recipe.preprocessing)
+    return Trainer(network, pictures(n, 0), pictures(32, 1), recipe, seed, extractor)
+
+
+def weights(t: Trainer) -> np.ndarray:
+    return np.concatenate([v.numpy().ravel() for v in t.averaged.values()])
+
+
+def test_training_learns_and_repeats_by_seed() -> None:
+    runs = [trainer(), trainer()]
+    assert all(run.run() for run in runs)
+    np.testing.assert_array_equal(weights(runs[0]), weights(runs[1]))
+    assert runs[0].curve == runs[1].curve
+    assert runs[0].curve[-1].balanced_accuracy == 1.0
+    other = trainer(seed=4)
+    other.run()
+    assert not np.array_equal(weights(other), weights(runs[0]))
+
+
+@pytest.mark.parametrize("stops", [(1,), (2, 5)])
+def test_an_interrupted_training_ends_as_an_uninterrupted_one(
+    stops: Sequence[int], tmp_path: Path
+) -> None:
+    whole = trainer(QUICK.model_copy(update={"epochs": 2}))
+    whole.run()
+    path = tmp_path / "c.checkpoint"
+    for at in stops:
+        part = trainer(QUICK.model_copy(update={"epochs": 2}))
+        if path.exists():
+            part.resume(path)
+        assert not part.run(path, stop=lambda part=part, at=at: part.step >= at)
+        assert part.step == at
+    last = trainer(QUICK.model_copy(update={"epochs": 2}))
+    last.resume(path)
+    assert last.run(path)
+    np.testing.assert_array_equal(weights(last), weights(whole))
+    assert last.curve == whole.curve
+
+
+def test_a_checkpoint_of_another_training_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "c.checkpoint"
+    trainer().save(path)
+    with pytest.raises(CheckpointError, match="another seed: 3 instead of 4"):
+        trainer(seed=4).resume(path)
+    with pytest.raises(CheckpointError, match="another number of pictures"):
+        trainer(n=64).resume(path)
+    path.write_bytes(b"nothing")
+    with pytest.raises(CheckpointError, match="cannot be read"):
+        trainer().resume(path)
+
+
+def test_every_epoch_sees_every_picture_once() -> None:
+    t = trainer(QUICK.model_copy(update={"batch": 50}), n=60)
+    seen = list[int]()
+    for step in range(6):
+        t.step = step
+        seen += t.chosen().tolist()
+    for epoch in range(5):
+        assert sorted(seen[60 * epoch : 60 * epoch + 60]) == list(range(60))
+
+
+def test_the_rate_of_one_cycle_rises_and_falls_and_the_paper_s_stays() -> None:
+    t = trainer()
+    rates: list[float] = []
+    for step in range(t.steps):
+        t.step = step
+        rates.append(t.rate())
+    assert max(rates) == pytest.approx(QUICK.rate, rel=0.05)
+    assert rates.index(max(rates)) <= 0.15 * t.steps
+    assert rates[-1] < 0.01 * QUICK.rate
+    assert PAPER.model_dump(include={"optimiser", "rate", "epochs", "batch", "schedule"}) == {
+        "optimiser": "adam",
+        "rate": 1e-5,
+        "epochs": 200.0,
+        "batch": 30,
+        "schedule": "constant",
+    }
+
+
+def test_weights_of_classes_leave_a_probability_where_it_is() -> None:
+    weight = torch.tensor([0.5, 3.0])
+    for target in (0.3, 0.5):
+        logit = torch.zeros(1, requires_grad=True)
+        wanted = torch.tensor([[1 - target, target]])
+        for _ in range(400):
+            loss = cross_entropy(torch.stack([torch.zeros(1), logit], 1), wanted, weight)
+            loss.backward()
+            with torch.no_grad():
+                logit -= logit.grad if logit.grad is not None else 0
+            logit.grad = None
+        assert torch.sigmoid(logit).item() == pytest.approx(target, abs=0.01)
+
+
+def test_augmentation_keeps_what_is_there() -> None:
+    gray, _ = cross(16, 0)
+    rng = np.random.default_rng(0)
+    masks = np.zeros((16, 32, 32), np.uint8)
+    gray[:, :, :8], masks[:, :, :4] = 255, 1
+    mirrored, both = mirror(gray, masks, rng)
+    assert both is not None
+    left = (mirrored[:, :, 0] == 255).all(axis=1)
+    assert 0 < left.sum() < 16
+    np.testing.assert_array_equal(both[:, 0, 0] == 1, left)
+    varied = vary(gray, rng, 1.0)
+    assert varied.shape == gray.shape
+    assert varied.dtype == np.uint8
+    assert not np.array_equal(varied, gray)
+    assert vary(gray, rng, 0.0) is gray
+
+
+def write(
+    folder: Path, n: int = 48, sites: int = 6, classes: tuple[str, str] | None = None
+) -> Path:
+    """Write a dataset of pictures larger than the network's."""
+    names = classes or ("none", "junction")
+    gray, label = cross(n, 5)
+    folder.mkdir(parents=True)
+    rows: list[Row] = []
+    for i in range(n):
+        cv2.imwrite(str(folder / f"{i}.png"), cv2.resize(gray[i], (160, 90)))
+        site = f"site{(i // 2) % sites}"
+        rows.append(Row(f"{i}.png", names[label[i]], f"{site}-a", site))
+    write_dataset(folder, DatasetInfo(classes=names), rows)
+    return folder
+
+
+def test_parts_are_whole_sites(tmp_path: Path) -> None:
+    parts = divide(open_dataset(write(tmp_path / "d")), 0)
+    assert not set(parts.training.site) & set(parts.validation.site)
+    assert len(parts.training) + len(parts.validation) == 48
+    assert parts.how == "1 of 6 sites held out"
+    alone = divide(open_dataset(write(tmp_path / "e", sites=1)), 0)
+    assert len(alone.training) == len(alone.validation) == 48
+    assert "nothing held out" in alone.how
+
+
+def test_fine_tuning_starts_from_the_model(tmp_path: Path) -> None:
+    data = [open_dataset(write(tmp_path / "d"))]
+    first = Order(QUICK.model_copy(update={"epochs": 20}), 0, "first", tmp_path / "first.onnx")
+    assert train(data, first).finished
+    recipe = recipe_from(PRESETS["robust"], first.out)
+    assert recipe.preprocessing == GRAY
+    assert recipe.rate == pytest.approx(0.2 * PRESETS["robust"].rate)
+    little = recipe.model_copy(update={"epochs": 0.1, "bfloat16": False})
+    second = Order(little, 0, "second", tmp_path / "second.onnx", start=first.out)
+    assert train(data, second).curve[-1].balanced_accuracy == 1.0
+    with pytest.raises(WeightsError, match="name a preset of the same one"):
+        recipe_from(PRESETS["tuned"], first.out)
+
+
+def test_a_dataset_without_plain_road_is_refused(tmp_path: Path) -> None:
+    data = [open_dataset(write(tmp_path / "d", classes=("one", "two")))]
+    with pytest.raises(DatasetError, match="one class must be called none"):
+        train(data, Order(QUICK, 0, "m", tmp_path / "m.onnx"))
+
+
+def test_the_command_trains_and_writes_model_card_and_curve(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = write(tmp_path / "d"), tmp_path / "mine.onnx"
+    arguments = [str(folder), "--out", str(out), "--epochs", "2", "--threads", "1"]
+    assert command.main(arguments) == 0
+    assert "1 of 6 sites held out" in capsys.readouterr().out
+    network = command.main([*arguments, "--from", str(out), "--epochs", "1"])
+    assert network == 0
+    data = json.loads(out.with_suffix(".json").read_text())
+    assert data["command"].startswith("juncnet train d --out mine.onnx")
+    assert data["curve"][-1]["samples"] > 0
+    assert "1 of 6 sites held out" in out.with_suffix(".md").read_text()
+    assert not out.with_suffix(".checkpoint").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere"], "no such folder"),
+        (["d", "--epochs", "-1"], "epochs"),
+        (["d", "--from", "gone.onnx"], "gone.onnx"),
+    ],
+)
+def test_bad_arguments_end_with_2(
+    arguments: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    write(tmp_path / "d", 8)
+    monkeypatch.chdir(tmp_path)
+    assert command.main(arguments) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_predictions_are_probabilities() -> None:
+    answer = predict(build("robust", 1), cross(3, 0)[0], Extractor(GRAY))
+    np.testing.assert_allclose(answer.sum(axis=1), 1, atol=1e-6)
