@@ -171,9 +171,10 @@ def write(
     folder.mkdir(parents=True)
     rows: list[Row] = []
     for i in range(n):
-        cv2.imwrite(str(folder / f"{i}.png"), cv2.resize(gray[i], (160, 90)))
+        picture = np.asarray(gray[i], np.uint8)
+        cv2.imwrite(str(folder / f"{i}.png"), cv2.resize(picture, (160, 90)))
         site = f"site{(i // 2) % sites}"
-        rows.append(Row(f"{i}.png", names[label[i]], f"{site}-a", site))
+        rows.append(Row(f"{i}.png", names[int(label[i])], f"{site}-a", site))
     write_dataset(folder, DatasetInfo(classes=names), rows)
     return folder
 
