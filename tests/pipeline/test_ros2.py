@@ -1,5 +1,6 @@
 """The ROS 2 driver and a plain Zenoh subscriber in ROS's place; what is heard when who dies."""
 
+import itertools
 import json
 import os
 import signal
@@ -19,7 +20,7 @@ import zenoh
 
 from juncnet.messages import Velocity
 from juncnet_services.command_output.vehicles import Vehicle, open_vehicle
-from juncnet_services.command_output.vehicles.ros2_link import SOCKET
+from juncnet_services.command_output.vehicles.ros2_link import SOCKET, STANDBY
 
 LIMIT_S = 0.2
 COMMANDER = """
@@ -36,6 +37,7 @@ with GuardLink(vehicle.hold(), directory) as guard:
     while True:
         vehicle.send(Velocity(forward_mps=1.0), False, 0.17)
         guard.beat(0.17, vehicle.hold())
+        vehicle.telemetry(0.2)
         time.sleep(0.04)
 """
 """Accepts a command and sends it every 40 ms, as command_output does."""
@@ -165,8 +167,9 @@ def commander(made: Ros, directory: Path) -> Generator[tuple[psutil.Process, psu
         if guard.is_running():
             guard.kill()
         bye = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        with suppress(OSError):
-            bye.sendto(b"bye", str(directory / SOCKET))
+        for name in (STANDBY, SOCKET):
+            with suppress(OSError):
+                bye.sendto(b"bye", str(directory / name))
         bye.close()
         process.communicate()
 
@@ -185,19 +188,44 @@ def test_the_robot_is_stopped_in_time_when_commander_or_guard_too_are_killed(
         assert all(speed == 0 for _, speed in made.forward()[since:])
 
 
-def test_a_dead_link_process_is_replaced(tmp_path: Path) -> None:
+def links_of(parent: psutil.Process) -> list[psutil.Process]:
+    """Return the link processes, the speaker first."""
+    found = [c for c in parent.children() if c.status() != psutil.STATUS_ZOMBIE]
+    found = [c for c in found if any("ros2_link" in part for part in c.cmdline())]
+    return sorted(found, key=lambda c: c.create_time())
+
+
+@pytest.mark.parametrize(
+    ("blow", "limit_s"),
+    [(signal.SIGKILL, LIMIT_S), pytest.param(signal.SIGSTOP, 1.0, marks=pytest.mark.full)],
+)
+def test_the_standby_takes_over_from_a_dead_or_hung_link_process(
+    tmp_path: Path, blow: int, limit_s: float
+) -> None:
     with ros("0/cmd_vel/**") as made, driving(made, tmp_path) as vehicle:
-        drive(vehicle, lambda: len(made.heard) > 3, "nothing was heard")
-        (link,) = [
-            child
-            for child in psutil.Process().children()
-            if any("ros2_link" in part for part in child.cmdline())
-        ]
-        link.kill()
-        link.wait(5)
+        own = psutil.Process()
+        drive(vehicle, lambda: len(made.heard) > 3 and len(links_of(own)) == 2, "no standby")
+        standby = tmp_path / STANDBY
+        drive(vehicle, standby.exists, "no standby")
+        drive(vehicle, lambda: vehicle.trouble == "", vehicle.trouble)
+        speaker, _ = links_of(own)
+        speaker.send_signal(blow)
+        last_s = made.forward()[-1][0]
         before = len(made.heard)
-        drive(vehicle, lambda: len(made.heard) > before + 5, "no link process again")
-        assert vehicle.send_failures > 0
+        drive(vehicle, lambda: len(made.heard) > before + 5, "nobody took over")
+        times = [t for t, _ in made.forward() if t >= last_s]
+        assert max(b - a for a, b in itertools.pairwise(times)) < limit_s
+        drive(vehicle, lambda: len(links_of(own)) == 2 and standby.exists(), "no new standby")
+
+
+def test_the_standby_stops_the_robot_when_all_others_are_killed_at_once(tmp_path: Path) -> None:
+    with ros("0/cmd_vel/**") as made, commander(made, tmp_path) as (process, guard):
+        until((tmp_path / STANDBY).exists, "no standby")
+        time.sleep(0.5)
+        speaker = links_of(process)[0]
+        for victim in (guard, speaker, process):
+            victim.send_signal(signal.SIGKILL)
+        assert first_stop_s(made) < LIMIT_S
 
 
 def test_no_router_is_named(tmp_path: Path) -> None:

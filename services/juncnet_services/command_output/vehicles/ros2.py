@@ -8,6 +8,7 @@ else is zero velocity.
 import contextlib
 import logging
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -32,11 +33,13 @@ LOG = logging.getLogger(__name__)
 LANDING_MPS = -0.5
 LANDING_CALL_S = 0.17
 """A call of `land` lasts for so long; they come at 25 Hz."""
-RESTART_S = 1.0
+END_S = 2.0
 START_S = 10.0
 """A link process that does not listen after so long is replaced."""
-HEARD_S = 2.0
-"""A link process that says nothing for so long is in trouble."""
+STAY_S = 1.0
+"""Between two calls to the standby."""
+HUNG_S = 0.4
+"""A speaker that has answered and says nothing for so long is killed; the standby takes over."""
 
 
 class Ros2Options(DriverOptions):
@@ -58,7 +61,7 @@ class Ros2Options(DriverOptions):
 
 
 class Ros2Vehicle:
-    """Sends velocities to a `ros2_link` process, which it starts when there is none."""
+    """Sends velocities to a `ros2_link` process; keeps another standing by."""
 
     Options: ClassVar[type[DriverOptions]] = Ros2Options
 
@@ -67,15 +70,18 @@ class Ros2Vehicle:
         self.send_failures = 0
         self.trouble = "the link to ROS 2 is being started"
         self._options = options
-        self._path = flight_dir / ros2_link.SOCKET
+        self._directory = flight_dir
+        self._speaker = str(flight_dir / ros2_link.SOCKET)
+        self._standby = str(flight_dir / ros2_link.STANDBY)
         self._own = flight_dir / f"ros2-client-{os.getpid()}.sock"
         self._own.unlink(missing_ok=True)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(str(self._own))
         self._socket.setblocking(False)
-        self._process: subprocess.Popen[bytes] | None = None
-        self._started_ns = 0
-        self._heard_ns = time.monotonic_ns()
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._started_ns = self._stayed_ns = 0
+        self._heard_ns = self._read_ns = time.monotonic_ns()
+        self._speaker_pid: int | None = None
         self._put(ros2_link.HOLD)
 
     def send(self, velocity: Velocity, brake: bool, lasts_s: float) -> None:
@@ -95,7 +101,7 @@ class Ros2Vehicle:
         self._put(ros2_link.HOLD)
 
     def hold(self) -> Hold | None:
-        return Hold(self._socket.fileno(), str(self._path), (ros2_link.HOLD,))
+        return Hold(self._socket.fileno(), self._speaker, (ros2_link.HOLD,))
 
     def telemetry(self, max_age_s: float) -> Telemetry | None:
         """Return None: nothing is measured. Listens to the link process."""
@@ -103,45 +109,61 @@ class Ros2Vehicle:
         now_ns = time.monotonic_ns()
         with contextlib.suppress(BlockingIOError):
             while True:
-                linked = self._socket.recv(64) == b"linked"
-                self._heard_ns = now_ns
-                self._say(
-                    "" if linked else f"no Zenoh router at {self._options.endpoint}: is it on?"
-                )
-        if now_ns - self._heard_ns > HEARD_S * NS_PER_S:
-            self._say("the link process does not answer")
+                pid, _, status = self._socket.recv(64).decode().partition(" ")
+                self._heard_ns, self._speaker_pid = now_ns, int(pid)
+                away = f"no Zenoh router at {self._options.endpoint}: is it on?"
+                self._say("" if status == "linked" else away)
+        # Time in which nobody asked here is not the speaker's silence.
+        asked_s = (now_ns - self._read_ns) / NS_PER_S
+        self._read_ns = now_ns
+        silent_s = (now_ns - self._heard_ns) / NS_PER_S
+        if self._speaker_pid is not None and silent_s > HUNG_S and asked_s < HUNG_S / 2:
+            self._say("the link to ROS 2 hung, another takes over")
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(self._speaker_pid, signal.SIGKILL)
+            self._speaker_pid = None
         return None
 
     def close(self) -> None:
-        for datagram in (ros2_link.HOLD, ros2_link.BYE):
+        for datagram, to in (
+            (ros2_link.HOLD, self._speaker),
+            (ros2_link.BYE, self._standby),
+            (ros2_link.BYE, self._speaker),
+        ):
             with contextlib.suppress(OSError):
-                self._socket.sendto(datagram, str(self._path))
-        if self._process is not None:
+                self._socket.sendto(datagram, to)
+        deadline_s = time.monotonic() + END_S
+        for process in self._processes:
             try:
-                self._process.wait(2.0)
+                process.wait(max(0.0, deadline_s - time.monotonic()))
             except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait(1.0)
+                process.kill()
+                process.wait(1.0)
         self._socket.close()
         self._own.unlink(missing_ok=True)
 
     def _put(self, datagram: bytes) -> None:
         try:
-            self._socket.sendto(datagram, str(self._path))
-        except BlockingIOError:
-            self.send_failures += 1
+            self._socket.sendto(datagram, self._speaker)
         except OSError:
             self.send_failures += 1
-            self._start()
-
-    def _start(self) -> None:
-        """Start the link process, for none listens; one that has just been started is awaited."""
         now_ns = time.monotonic_ns()
-        if self._process is not None:
-            starting = self._process.poll() is None
-            if now_ns - self._started_ns < (START_S if starting else RESTART_S) * NS_PER_S:
-                return
-            self._process.kill()
+        if now_ns - self._stayed_ns < STAY_S * NS_PER_S:
+            return
+        self._stayed_ns = now_ns
+        try:
+            self._socket.sendto(ros2_link.STAY, self._standby)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._start_standby(now_ns)
+
+    def _start_standby(self, now_ns: int) -> None:
+        """Start a link process, for none stands by; one that has just been started is awaited."""
+        self._processes = [process for process in self._processes if process.poll() is None]
+        starting = bool(self._processes) and self._processes[-1].pid != self._speaker_pid
+        if starting and now_ns - self._started_ns < START_S * NS_PER_S:
+            return
         self._started_ns = now_ns
         options = self._options
         target = Target(
@@ -153,10 +175,18 @@ class Ros2Vehicle:
             frame_id=options.frame_id,
         )
         link = ros2_link.LinkOptions(endpoint=options.endpoint, target=target)
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", ros2_link.__name__, str(self._path), link.model_dump_json()],
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,
+        self._processes.append(
+            subprocess.Popen(
+                [
+                    sys.executable,
+                    "-m",
+                    ros2_link.__name__,
+                    str(self._directory),
+                    link.model_dump_json(),
+                ],
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+            )
         )
 
     def _say(self, trouble: str) -> None:

@@ -3,8 +3,11 @@
 Zenoh needs a session, which a guard of the standard library does not have. So this process has it,
 and command_output and its guard both send it small datagrams, each with the time at which its
 velocity ends. Then, if nothing newer has come, it publishes zero velocity by itself, at `RATE_HZ`,
-until it hears from one of them or `LINGER_S` are over. Started by the driver `ros2`; a restarted
-command_output finds it running.
+until it hears from one of them or `LINGER_S` are over. A restarted command_output finds it running.
+
+There are two of these processes: one that speaks, and a standby that looks every 50 ms whether the
+speaker's socket is still served. If not it takes the socket's place, stops the vehicle and goes on.
+The driver `ros2` starts standbys, and kills a speaker that does not answer.
 """
 
 import contextlib
@@ -26,13 +29,18 @@ from juncnet.zenoh_raw import RawSession
 from juncnet_services.command_output.vehicles.ros2_wire import Target
 
 SOCKET = "ros2.sock"
+STANDBY = "ros2-standby.sock"
 BYE = b"bye"
+STAY = b"stay"
+"""Keeps a standby from ending."""
+PROBE = b"probe"
+"""Asks nothing; that it can be sent is the answer."""
 DATAGRAM = struct.Struct("<q4d")
 """When it ends (monotonic ns); forward, lateral, vertical in m/s, yaw rate in rad/s."""
 HOLD = DATAGRAM.pack(0, 0.0, 0.0, 0.0, 0.0)
 RATE_HZ = 20.0
 LINGER_S = 10.0
-STATUS_S = 0.25
+STATUS_S = 0.1
 
 
 class LinkOptions(BaseModel):
@@ -65,23 +73,45 @@ class Publisher:
     def __init__(self, session: RawSession, target: Target) -> None:
         self._target, self._sequence = target, 0
         self._gid = os.urandom(16)
-        for token in target.tokens(session.id):
-            session.show(token)
+        self._session = session
         self._put = session.publisher(target.key)
 
     def __call__(self, velocity: Velocity) -> None:
+        if self._sequence == 0:
+            for token in self._target.tokens(self._session.id):
+                self._session.show(token)
         self._sequence += 1
         now_ns = time.time_ns()
         attachment = self._target.attachment(self._sequence, now_ns, self._gid)
         self._put(self._target.payload(velocity, now_ns), attachment)
 
 
-def serve(
+def stand_by(link: socket.socket, standby: Path, speaker: Path) -> bool:
+    """Return True as the speaker, once there is no other; False when nobody needs a standby."""
+    heard_ns = time.monotonic_ns()
+    while time.monotonic_ns() - heard_ns < LINGER_S * NS_PER_S:
+        if select.select([link], [], [], 1 / RATE_HZ)[0]:
+            if newest(link)[0] == BYE:
+                return False
+            heard_ns = time.monotonic_ns()
+        try:
+            link.sendto(PROBE, str(speaker))
+        except BlockingIOError:
+            continue
+        except OSError:
+            with contextlib.suppress(FileNotFoundError):
+                standby.replace(speaker)
+                return True
+    return False
+
+
+def speak(
     link: socket.socket, publish: Callable[[Velocity], None], linked: Callable[[], bool]
 ) -> None:
     """Publish what comes, zero when it has ended; returns after `BYE` or a long silence."""
     heard_ns = time.monotonic_ns()
     until_ns = told_ns = 0
+    publish(Velocity())
     while time.monotonic_ns() - heard_ns < LINGER_S * NS_PER_S:
         left_s = (until_ns - time.monotonic_ns()) / NS_PER_S
         if not select.select([link], [], [], left_s if left_s > 0 else 1 / RATE_HZ)[0]:
@@ -93,34 +123,41 @@ def serve(
             return
         wish = wish_in(datagram)
         if wish is None:
+            if time.monotonic_ns() >= until_ns:
+                publish(Velocity())
             continue
         heard_ns, until_ns = time.monotonic_ns(), wish[0]
         publish(wish[1] if heard_ns < until_ns else Velocity())
         if sender and heard_ns - told_ns > STATUS_S * NS_PER_S:
             told_ns = heard_ns
+            status = f"{os.getpid()} {'linked' if linked() else 'alone'}"
             with contextlib.suppress(OSError):
-                link.sendto(b"linked" if linked() else b"alone", sender)
+                link.sendto(status.encode(), sender)
 
 
 def newest(link: socket.socket) -> tuple[bytes, str | None]:
-    """Return the newest datagram that waits and who sent it; a `BYE` before it counts."""
-    datagram, sender = link.recvfrom(256)
+    """Return the newest datagram that waits and who sent it: `BYE` before all, probes behind."""
+    found: tuple[bytes, str | None] = (PROBE, None)
     with contextlib.suppress(BlockingIOError):
-        while datagram != BYE:
+        while found[0] != BYE:
             datagram, sender = link.recvfrom(256)
-    return datagram, sender
+            if datagram != PROBE:
+                found = datagram, sender
+    return found
 
 
-def main(path: Path, options: LinkOptions) -> None:
-    """Serve the socket at `path`; whatever was there before is not heard any more."""
+def main(directory: Path, options: LinkOptions) -> None:
+    """Be the standby in `directory`, then the speaker, then end."""
     link = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     link.setblocking(False)
-    temporary = path.with_suffix(f".{os.getpid()}")
+    temporary = directory / f"{STANDBY}.{os.getpid()}"
     link.bind(str(temporary))
-    temporary.replace(path)
+    temporary.replace(directory / STANDBY)
     session = RawSession(options.endpoint)
+    publish = Publisher(session, options.target)
     try:
-        serve(link, Publisher(session, options.target), lambda: session.linked)
+        if stand_by(link, directory / STANDBY, directory / SOCKET):
+            speak(link, publish, lambda: session.linked)
     finally:
         session.close()
         link.close()
