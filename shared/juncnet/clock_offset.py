@@ -85,7 +85,7 @@ class OffsetEstimate:
 
     def _bounds(self, now_ns: int) -> tuple[int, int]:
         """Return the (least, most) offset, in ns, that all exchanges allow at `now_ns`."""
-        drifts = [round(DRIFT * max(0, now_ns - e.answered_ns)) for e in self._exchanges]
+        drifts = [round(DRIFT * max(0, now_ns - e.asked_ns)) for e in self._exchanges]
         pairs = list(zip(self._exchanges, drifts, strict=True))
         return max(e.least_ns - d for e, d in pairs), min(e.most_ns + d for e, d in pairs)
 

@@ -15,7 +15,7 @@ from juncnet.topics import SERVICES, TOPICS
 
 PACKAGE = Path(juncnet_services.__file__).parent
 TESTS = Path(__file__).parents[1]
-PROCESSES = (*SERVICES, "simulator", "router")
+PROCESSES = (*SERVICES, "simulator", "router", "dashboard")
 SHELL_LINES = 80
 LOOP_LINES = 15
 
@@ -58,6 +58,16 @@ def test_shipped_layouts_are_valid_and_complete(name: str) -> None:
     layout = load_layout(asset_path(name, "layouts", ".toml"))
     layout.validate_all()
     assert set(SERVICES) <= set(layout.processes)
+
+
+@pytest.mark.parametrize("drone", ["drone", "drone_simulated"])
+def test_the_two_sides_of_the_split_are_valid_and_complete_together(drone: str) -> None:
+    sides = [load_layout(asset_path(name, "layouts", ".toml")) for name in (drone, "laptop")]
+    for layout in sides:
+        layout.validate_all()
+    processes = [set(layout.processes) for layout in sides]
+    assert set(SERVICES) <= processes[0] | processes[1]
+    assert "router" in processes[0] - processes[1]
 
 
 def test_keys_stand_in_the_table_only() -> None:

@@ -122,10 +122,12 @@ class Depacketiser:
             return []
         key_frame = any(nal_type(nal) == IDR for nal in picture.nals)
         sets: list[bytes] = []
-        if key_frame and not any(nal_type(nal) == SPS for nal in picture.nals):
-            sets = [*self._sets.get(SPS, ()), *self._sets.get(PPS, ())]
-            if not sets:
+        if key_frame:
+            kinds = {nal_type(nal) for nal in picture.nals}
+            lacking = [kind for kind in (SPS, PPS) if kind not in kinds]
+            if any(kind not in self._sets for kind in lacking):
                 return self._drop()  # its parameter sets have never come
+            sets = [nal for kind in lacking for nal in self._sets[kind]]
         payload = b"".join(START_CODE + nal for nal in (*sets, *picture.nals))
         lost, self._lost = self._lost, 0
         return [AccessUnit(payload, key_frame, picture.arrived_ns, lost)]

@@ -56,9 +56,8 @@ def run(bus: Bus, config: Config) -> None:
         address = note.read_text().strip() if note.exists() else _free_address(config.host)
     identity = None if config.certificates is None else read_identity(config.certificates)
     endpoint = links.endpoint(address, identity)
-    video = None
-    if config.video_port is not None:
-        video = links.endpoint(f"{config.host}:{config.video_port}", identity)
+    beside = config.video_port and f"{config.host}:{config.video_port}"
+    video = links.endpoint(beside, identity) if beside else None
     with open_gateway(read_flight(bus.flight_dir), endpoint, identity, video):
         note.write_text((address if identity is None else endpoint) + "\n")
         log = logging.getLogger(bus.service)
