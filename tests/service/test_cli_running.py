@@ -4,10 +4,10 @@ import pytest
 
 from fakes import FakeBus
 from juncnet.clocks import Instant
-from juncnet.messages import EventKind, Health, JunctionEvent
+from juncnet.messages import EventKind, Health, JunctionEvent, RemoteClock
 from juncnet.topics import JUNCTION_EVENT
 from juncnet_services.cli.events import CAPACITY, Once, follow, line
-from juncnet_services.cli.status import FRESH_S, rows
+from juncnet_services.cli.status import FRESH_S, FlightStatus, links, rows
 from juncnet_services.cli.supervise import ProcessStatus
 from juncnet_services.cli.up import MAX_RESTARTS, hopeless
 from scenes import stamp
@@ -38,6 +38,21 @@ def test_a_process_is_well_when_it_runs_and_has_reported_of_late() -> None:
     assert [row.well for row in found] == [True, False, False, False, False]
     assert [row.state for row in found] == ["running"] * 3 + ["backoff", "unknown"]
     assert [row.restarts for row in found] == [2, 0, 0, 0, 0]
+
+
+def test_clocks_of_other_hosts_are_shown_with_their_uncertainty() -> None:
+    known = RemoteClock(offset_ns=5_000_123_456_789, uncertainty_ns=1_500_000)
+    report = health("a", 99.5).model_copy(
+        update={"clocks": {"boot-far": known, "boot-gone": RemoteClock()}, "linked": False}
+    )
+    now = Instant(round(100e9), "fake-clock")
+    found = rows(("a",), [ProcessStatus("a", "RUNNING", 7, 5.0)], {}, {"a": report}, now)
+    status = FlightStatus(flight="f", directory="/d", robot="r", well=True, processes=found)
+    assert links(status) == [
+        " a: the vehicle's router is not reached",
+        " a: clock boot-far is +5000.1235 s ahead of this host's, within 1.50 ms",
+        " a: clock boot-gone has an unknown offset: what it stamps counts as stale",
+    ]
 
 
 def test_waiting_is_hopeless_for_what_has_ended_or_ends_again_and_again() -> None:

@@ -14,10 +14,10 @@ from rich.console import Console
 from rich.table import Table
 
 from juncnet.bus import Inbox
-from juncnet.clocks import Instant, age_s
+from juncnet.clocks import NS_PER_S, Instant, age_s
 from juncnet.flight import Flight
 from juncnet.launch import connect
-from juncnet.messages import Health
+from juncnet.messages import Health, RemoteClock
 from juncnet.topics import health_topic
 from juncnet_services.cli.local_flights import running_flights
 from juncnet_services.cli.supervise import ProcessStatus, Supervisor
@@ -152,6 +152,27 @@ def table(status: FlightStatus) -> Table:
     return result
 
 
+def links(status: FlightStatus) -> list[str]:
+    """Return what there is to say of other hosts: links that are down, and their clocks."""
+    lines: list[str] = []
+    for row in status.processes:
+        health = row.health
+        if health is None:
+            continue
+        if health.linked is False:
+            lines.append(f" {row.process}: the vehicle's router is not reached")
+        for clock, known in health.clocks.items():
+            lines.append(f" {row.process}: clock {clock} {_offset(known)}")
+    return lines
+
+
+def _offset(clock: RemoteClock) -> str:
+    if clock.offset_ns is None or clock.uncertainty_ns is None:
+        return "has an unknown offset: what it stamps counts as stale"
+    ahead_s, uncertainty_ms = clock.offset_ns / NS_PER_S, clock.uncertainty_ns / 1e6
+    return f"is {ahead_s:+.4f} s ahead of this host's, within {uncertainty_ms:.2f} ms"
+
+
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.1f}"
 
@@ -172,6 +193,8 @@ def main(argv: list[str]) -> int:
         for status in found:
             console.print(f"robot {status.robot}, flight {status.directory}")
             console.print(table(status))
+            for line in links(status):
+                console.print(line, markup=False, highlight=False)
             for row in status.processes:
                 if row.health is not None and row.health.last_error:
                     console.print(f" {row.process}: {row.health.last_error}", markup=False)
