@@ -91,6 +91,21 @@ def test_an_interrupted_training_ends_as_an_uninterrupted_one(
     assert last.curve == whole.curve
 
 
+def test_the_best_weights_are_kept_where_that_is_wanted() -> None:
+    recipe = QUICK.model_copy(update={"keep_best": True, "rate": 1.0, "epochs": 2})
+    good = trainer()
+    good.run()
+    torch.manual_seed(0)
+    network = build("robust", 1)
+    network.load_state_dict(good.averaged)
+    extractor = Extractor(GRAY)
+    spoilt = Trainer(network, pictures(96, 0), pictures(32, 1), recipe, 0, extractor)
+    assert spoilt.run()
+    assert spoilt.curve[0].samples == 0
+    for name, value in network.state_dict().items():
+        assert torch.equal(value, good.averaged[name]), name
+
+
 def test_a_checkpoint_of_another_training_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "c.checkpoint"
     trainer().save(path)

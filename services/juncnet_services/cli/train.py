@@ -109,10 +109,12 @@ def _report(order: "Order", outcome: object, command: str) -> None:
         written.append(picture)
     except PlotError as error:
         print(f"no picture of the curve: {error}", file=sys.stderr)
-    last = outcome.curve[-1]
+    shown = outcome.curve[-1]
+    if order.recipe.keep_best:
+        shown = max(outcome.curve, key=lambda point: point.balanced_accuracy)
     print(
-        f"balanced accuracy {100 * last.balanced_accuracy:.2f} % ({'; '.join(outcome.parts)}) "
-        f"after {last.samples} pictures"
+        f"balanced accuracy {100 * shown.balanced_accuracy:.2f} % ({'; '.join(outcome.parts)}) "
+        f"after {shown.samples} pictures"
     )
     print("wrote " + ", ".join(map(str, written)))
 

@@ -85,6 +85,7 @@ class Trainer:
         self.step = 0
         self.curve: list[Point] = []
         self._loss_sum = 0.0
+        self._best: tuple[float, dict[str, Tensor]] | None = None
         self._epoch, self._order = -1, np.empty(0, np.int64)
 
     def run(
@@ -99,6 +100,8 @@ class Trainer:
         there now and then, and at a stop.
         """
         report = max(1, self.steps // REPORTS)
+        if self.recipe.keep_best and not self.curve:
+            self._judge(report)
         saved = time.monotonic()
         while self.step < self.steps:
             self._one_step()
@@ -115,7 +118,7 @@ class Trainer:
             self.save(checkpoint)
         if self.step < self.steps:
             return False
-        self._inner.load_state_dict(self.averaged)
+        self._inner.load_state_dict(self._best[1] if self._best else self.averaged)
         return True
 
     def _one_step(self) -> None:
@@ -194,6 +197,8 @@ class Trainer:
         seen = self.step * self.recipe.batch
         self.curve.append(Point(seen, self._loss_sum / steps, accuracy))
         self._loss_sum = 0.0
+        if self.recipe.keep_best and (self._best is None or accuracy > self._best[0]):
+            self._best = (accuracy, {k: v.clone() for k, v in self.averaged.items()})
 
     def save(self, path: Path) -> None:
         """Write the whole state to `path`, at once or not at all."""
@@ -205,6 +210,7 @@ class Trainer:
             "optimiser": self._optimiser.state_dict(),
             "curve": [asdict(point) for point in self.curve],
             "loss_sum": self._loss_sum,
+            "best": self._best,
         }
         part = path.with_suffix(".part")
         torch.save(state, part)
@@ -233,6 +239,7 @@ class Trainer:
         self._optimiser.load_state_dict(state["optimiser"])
         self.curve = [Point(**point) for point in state["curve"]]
         self._loss_sum = float(state["loss_sum"])
+        self._best = state.get("best")
 
     def _identity(self) -> dict[str, str]:
         return {

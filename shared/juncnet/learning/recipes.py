@@ -32,6 +32,9 @@ class Recipe(BaseModel):
     """Whether the classes weigh the same in the loss, however many pictures each has."""
     average: float = Field(default=0.998, ge=0, lt=1)
     """Decay of the running average of the weights, which is what is exported; 0: none."""
+    keep_best: bool = False
+    """Whether the weights that did best on the validation part are exported, those at the start
+    included, instead of the last ones. For fine-tuning: few pictures are soon learnt by heart."""
     mask_weight: float = Field(default=0.5, ge=0)
     """Of the second output, where road and junction lie, on pictures that come with masks."""
     bfloat16: bool = True
@@ -43,6 +46,7 @@ class Recipe(BaseModel):
             f"weights averaged with {self.average}" if self.average else "",
             "classes balanced" if self.balanced else "",
             f"augmentation {self.augmentation:g}" if self.augmentation else "no augmentation",
+            "the best on the validation part kept" if self.keep_best else "",
             f"mask loss {self.mask_weight:g}" if self.mask_weight else "",
             "bfloat16" if self.bfloat16 else "",
         ]

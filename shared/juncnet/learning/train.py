@@ -180,8 +180,12 @@ def recipe_from(recipe: Recipe, start: Path) -> Recipe:
             f"{start} has the architecture {metadata.architecture}, the preset "
             f"{recipe.architecture}: name a preset of the same one"
         )
-    rate = recipe.rate * FINE_TUNING_RATE
-    return recipe.model_copy(update={"preprocessing": metadata.preprocessing, "rate": rate})
+    changed = {
+        "preprocessing": metadata.preprocessing,
+        "rate": recipe.rate * FINE_TUNING_RATE,
+        "keep_best": True,
+    }
+    return recipe.model_copy(update=changed)
 
 
 def write_report(order: Order, outcome: Outcome, command: str) -> None:
