@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ import peers
 from juncnet import links
 from juncnet import topics as t
 from juncnet.flight import Flight, read_flight
+from juncnet.identity import read_identity
 from juncnet.messages import (
     Override,
     OverrideKind,
@@ -35,6 +37,7 @@ from juncnet_services.frame_capture.h264 import split_annex_b
 from juncnet_services.frame_capture.h264_rtp import packetise
 from juncnet_services.frame_capture.remote import RemoteCamera
 from juncnet_services.frame_capture.rtp import is_picture_loss_indication
+from vehicle_side import certificates as make_certificates
 
 HEAVY = ("torch", "onnxruntime", "skimage", "cv2", "av", "iceoryx2", "supervisor", "rich")
 BLOCKED = f"""
@@ -111,12 +114,34 @@ class CameraOnTheNetwork:
         return found
 
 
+@dataclass
+class Split:
+    """Where the two sides meet; `certificates`: a folder a role, None for plain links."""
+
+    folder: Path
+    ports: tuple[int, int]
+    camera: CameraOnTheNetwork
+    certificates: Path | None
+
+    def laptop(self, service: str, others: Sequence[str] = ()) -> ZenohBus:
+        """Return the bus of a process of the laptop's side."""
+        flight = Flight("laptop", self.folder / "laptop", "robot", (service, *others))
+        flight.directory.mkdir(exist_ok=True)
+        role = "operator" if service == "operator" else "navigation"
+        identity = self.certificates and read_identity(self.certificates / role)
+        remote = links.remote(*(f"127.0.0.1:{port}" for port in self.ports), identity=identity)
+        settings = links.member(flight, service)
+        return ZenohBus(settings, flight, service, self.folder, "zenoh", remote)
+
+
 @contextmanager
-def drone(folder: Path, ports: tuple[int, int], rtp: int) -> Generator[Flight]:
+def drone(
+    folder: Path, ports: tuple[int, int], rtp: int, certificates: Path | None
+) -> Generator[Flight]:
     """The drone's side, started where no library for pictures is installed."""
     directory = folder / "drone"
     settings = [
-        "links.certificates=",
+        f"links.certificates={certificates / 'drone' if certificates else ''}",
         "router.host=127.0.0.1",
         f"router.port={ports[0]}",
         f"router.video_port={ports[1]}",
@@ -141,36 +166,26 @@ def drone(folder: Path, ports: tuple[int, int], rtp: int) -> Generator[Flight]:
         assert [process.wait(20) for process in processes] == [0] * len(services)
 
 
-def laptop(
-    folder: Path, service: str, ports: tuple[int, int], others: Sequence[str] = ()
-) -> ZenohBus:
-    """A process of the laptop's side."""
-    flight = Flight("laptop", folder / "laptop", "robot", (service, *others))
-    flight.directory.mkdir(exist_ok=True)
-    remote = links.remote(f"127.0.0.1:{ports[0]}", f"127.0.0.1:{ports[1]}")
-    return ZenohBus(links.member(flight, service), flight, service, folder, "zenoh", remote)
-
-
 def command(bus: ZenohBus, forward_mps: float) -> VelocityCommand:
     return VelocityCommand(
         header=bus.stamp(), issued=bus.stamp(), velocity=Velocity(forward_mps=forward_mps)
     )
 
 
-@pytest.fixture(name="split")
-def _split(folder: Path) -> Generator[tuple[Path, tuple[int, int], CameraOnTheNetwork]]:
+@pytest.fixture(name="split", params=["plain", "certificates"])
+def _split(folder: Path, request: pytest.FixtureRequest) -> Generator[Split]:
+    certificates = make_certificates(folder / "roles") if request.param != "plain" else None
     ports, rtp = (free_port(), free_port()), free_port(socket.SOCK_DGRAM)
     with ExitStack() as stack:
-        stack.enter_context(drone(folder, ports, rtp))
+        stack.enter_context(drone(folder, ports, rtp, certificates))
         camera = stack.enter_context(CameraOnTheNetwork(rtp))
-        yield folder, ports, camera
+        yield Split(folder, ports, camera, certificates)
 
 
 def test_a_drone_without_libraries_for_pictures_shows_its_camera_and_obeys(
-    split: tuple[Path, tuple[int, int], CameraOnTheNetwork],
+    split: Split,
 ) -> None:
-    folder, ports, sender = split
-    with laptop(folder, "frame_capture", ports, ["junction_navigation"]) as eyes:
+    with split.laptop("frame_capture", ["junction_navigation"]) as eyes:
         camera = RemoteCamera(eyes, 2.0)
         pictures: list[tuple[int, str]] = []
         deadline = time.monotonic() + LIMIT_S
@@ -182,8 +197,8 @@ def test_a_drone_without_libraries_for_pictures_shows_its_camera_and_obeys(
         assert len(pictures) == 20
         assert pictures == sorted(pictures)
         # The stream has one key frame, its first picture: who joins later has to ask for another.
-        assert sender.asked > 0
-    with laptop(folder, "junction_navigation", ports, ["frame_capture"]) as navigation:
+        assert split.camera.asked > 0
+    with split.laptop("junction_navigation", ["frame_capture"]) as navigation:
         states = navigation.subscribe(t.VEHICLE_STATE)
 
         def obeyed() -> bool:
@@ -195,9 +210,8 @@ def test_a_drone_without_libraries_for_pictures_shows_its_camera_and_obeys(
 
 
 def test_requests_and_kept_topics_cross_the_link_once(
-    split: tuple[Path, tuple[int, int], CameraOnTheNetwork],
+    split: Split,
 ) -> None:
-    folder, ports, _ = split
     asked: list[str] = []
 
     def accept(request: SetMission) -> Reply:
@@ -205,8 +219,8 @@ def test_requests_and_kept_topics_cross_the_link_once(
         return Reply(accepted=True)
 
     with (
-        laptop(folder, "junction_navigation", ports) as navigation,
-        laptop(folder, "operator", ports, ["junction_navigation"]) as operator,
+        split.laptop("junction_navigation") as navigation,
+        split.laptop("operator", ["junction_navigation"]) as operator,
     ):
         navigation.serve(t.MISSION_SET, accept)
         acks = operator.subscribe(t.COMMAND_ACK, 100)
