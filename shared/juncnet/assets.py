@@ -4,7 +4,12 @@ from pathlib import Path
 
 _PACKAGE = Path(__file__).parent / "assets"
 _CHECKOUT = Path(__file__).parents[2]
-_FOLDERS = {"models": "models", "layouts": "deploy/layouts", "missions": "deploy/missions"}
+_FOLDERS = {
+    "models": "models",
+    "layouts": "deploy/layouts",
+    "missions": "deploy/missions",
+    "systemd": "deploy/systemd",
+}
 
 
 def asset(name: str) -> Path:

@@ -158,8 +158,7 @@ def test_vehicles(tmp_path: Path) -> None:
 
     assert look().level is Level.OK
     assert look(ask=True).level is Level.OK
-    assert "no vehicle" in look("command_output.vehicle=helicopter").text
-    assert "every_s" in look("command_output.options.every_s=0").text
+    assert list(doctor_parts.vehicle(layout("laptop"), True, tmp_path)) == []
 
 
 def test_a_vehicle_in_trouble(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,6 +246,8 @@ def test_the_command_says_all_and_its_code_says_whether_to_fly(
     assert {"certificates", "clock", "model", "camera", "vehicle", "disk"} <= {
         finding["about"] for finding in answer["findings"]
     }
+    assert main(["video", "--set", "command_output.vehicle=helicopter"]) == 1
+    assert "FAIL  layout" in capsys.readouterr().out
     assert main(["nowhere"]) == 2
     lost = tmp_path / "lost"
     shutil.copytree(folder / Role.NAVIGATION, lost)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from juncnet.assets import asset_path
 from juncnet.flight import flights_root
@@ -15,7 +15,7 @@ from juncnet.layout import Layout, LayoutError, service_config
 from juncnet.modelfile import ModelFileError
 from juncnet_services.cli.doctor_links import existing
 from juncnet_services.cli.findings import Finding, failure, ok, warning
-from juncnet_services.command_output.vehicles import Vehicle, driver
+from juncnet_services.command_output.vehicles import Vehicle, open_vehicle
 
 ENOUGH_BYTES, LITTLE_BYTES = 1_000_000_000, 100_000_000
 ANSWER_S = 8.0
@@ -82,33 +82,19 @@ def camera(layout: Layout) -> Iterator[Finding]:
 
 
 def vehicle(layout: Layout, ask: bool, flight_dir: Path) -> Iterator[Finding]:
-    """Check the driver and its options; `ask`: connect to the vehicle itself, and see what it says.
+    """Name the driver; `ask`: connect to the vehicle itself, and see what it says.
 
-    Asking ends with what the driver does at its end, zero velocity or a landing.
+    What is wrong with the driver's options is found with the layout. Asking ends with what the
+    driver does at its end, zero velocity or a landing.
     """
     options = options_of(layout, "command_output")
     if options is None:
-        return
-    try:
-        kind = driver(options.vehicle)
-        settings = kind.Options.model_validate(options.options)
-    except ValidationError as error:
-        problem = error.errors(include_url=False)[0]
-        option = ".".join(str(part) for part in problem["loc"])
-        yield failure(
-            "vehicle",
-            f"{options.vehicle}: option {option}: {problem['msg']}",
-            "correct [command_output.options]",
-        )
-        return
-    except ValueError as error:
-        yield failure("vehicle", str(error), "correct [command_output] vehicle")
         return
     if not ask:
         yield ok("vehicle", f"{options.vehicle}; ask the vehicle itself with --vehicle")
         return
     try:
-        asked = kind(settings, flight_dir)
+        asked = open_vehicle(options.vehicle, options.options, flight_dir)
     except (ValueError, OSError) as error:
         yield failure("vehicle", f"{options.vehicle}: {error}", "is it on, and its address right?")
         return

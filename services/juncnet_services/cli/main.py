@@ -16,6 +16,8 @@ COMMANDS = {
     "takeoff": ("operator", "take off, and stay stopped in the air until resume"),
     "manual": ("manual", "fly by keyboard"),
     "emergency": ("operator", "cut the motors (asks twice)"),
+    "service": ("systemd", "install a layout as systemd units, or remove them"),
+    "begin": ("begin", "make the directory of a new flight, for systemd's units"),
     "doctor": ("doctor", "look at a layout before flight: what is wrong, and what helps"),
     "certificates": ("certificates", "make a CA and one certificate a role, for links to others"),
     "train": ("train", "train a model on labelled pictures, from nothing or from a model"),
