@@ -114,8 +114,8 @@ class Layout(BaseModel):
 
     def beside(self, *names: str) -> "Layout":
         """Return this layout with the optional processes called so."""
-        more = tuple(name for name in names if name not in self.processes)
-        return self.model_copy(update={"processes": (*self.processes, *more)})
+        all_of_them = tuple(dict.fromkeys((*self.processes, *names)))
+        return self.model_copy(update={"processes": all_of_them})
 
     def save(self, path: Path) -> None:
         """Write the layout, its settings applied, as JSON that `load_layout` reads again."""

@@ -20,11 +20,10 @@ from juncnet.layout import SAVED, LayoutError, load_layout
 from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.local_flights import running_flights
 from juncnet_services.dashboard.access import Right, new_address
-from juncnet_services.dashboard.board import Board
+from juncnet_services.dashboard.board import Board, listen
 from juncnet_services.dashboard.pages import served
-from juncnet_services.dashboard.service import NICENESS, Config, about, listen
+from juncnet_services.dashboard.service import DASHBOARD, NICENESS, Config, about
 
-SECTION = "dashboard"
 POLL_S = 0.5
 
 
@@ -56,7 +55,7 @@ def configuration(options: argparse.Namespace, first: str) -> Config:
         layout = load_layout(saved, options.set)
     else:
         layout = load_layout(asset_path(options.layout or "local", "layouts", ".toml"), options.set)
-    config = layout.section(SECTION, Config)
+    config = layout.section(DASHBOARD, Config)
     changes = {"port": options.port, "view_only": options.view_only or config.view_only}
     return config.model_copy(update={k: v for k, v in changes.items() if v is not None})
 
@@ -67,6 +66,7 @@ def serve(buses: Sequence[ZenohBus], robots: Sequence[str], config: Config) -> N
     Raises:
         OSError: the port is taken.
     """
+    os.nice(NICENESS)
     board, address = Board(HostClock(), config.camera, robots), new_address(config.port)
     right = Right.WATCH if config.view_only else Right.COMMAND
     with served(board, address, about(config, buses[0])):
@@ -74,9 +74,7 @@ def serve(buses: Sequence[ZenohBus], robots: Sequence[str], config: Config) -> N
         if right is Right.COMMAND:
             print(f"to watch:  {address.url(Right.WATCH)}", flush=True)
         for bus in buses:
-            threading.Thread(
-                target=listen, args=(bus, board, board.listen(bus)), daemon=True
-            ).start()
+            threading.Thread(target=listen, args=(bus, board), daemon=True).start()
         with contextlib.suppress(KeyboardInterrupt):
             while any(bus.running for bus in buses):
                 time.sleep(POLL_S)
@@ -109,7 +107,6 @@ def arguments(argv: list[str]) -> argparse.Namespace:
 def main(argv: list[str]) -> int:
     """Serve until interrupted; 1 when there is nothing to show, 2 for wrong options."""
     options = arguments(argv)
-    os.nice(NICENESS)
     try:
         wanted = targets(options.connect, options.robot)
         config = configuration(options, wanted[0])

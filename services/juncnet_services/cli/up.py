@@ -15,11 +15,13 @@ from juncnet.assets import asset_path
 from juncnet.bus import Inbox
 from juncnet.flight import Flight, new_flight
 from juncnet.launch import connect
-from juncnet.layout import SAVED, Layout, LayoutError, load_layout
+from juncnet.layout import OPTIONAL, SAVED, Layout, LayoutError, load_layout
 from juncnet.messages import Health
 from juncnet.topics import health_topic
 from juncnet_services.cli.local_flights import UP_MARK, running_flights, started_by_up
 from juncnet_services.cli.supervise import ProcessStatus, Supervisor
+from juncnet_services.dashboard.service import DASHBOARD, page_url
+from juncnet_services.dashboard.service import Config as PageConfig
 
 TIMEOUT_S = 60.0
 ENDED = ("EXITED", "FATAL", "STOPPED", "UNKNOWN")
@@ -96,14 +98,16 @@ def success_text(flight: Flight) -> str:
     """Return where the flight is, how outsiders get in, and how to stop it."""
     endpoint = flight.directory / "router.endpoint"
     gateway = endpoint.read_text().strip() if endpoint.exists() else "none in this layout"
-    return "\n".join(
-        [
-            f"robot     {flight.robot}",
-            f"flight    {flight.directory}",
-            f"gateway   {gateway}",
-            f"stop      juncnet down --robot {flight.robot}",
-        ]
-    )
+    lines = [
+        f"robot     {flight.robot}",
+        f"flight    {flight.directory}",
+        f"gateway   {gateway}",
+        f"stop      juncnet down --robot {flight.robot}",
+    ]
+    if DASHBOARD in flight.processes:
+        page = load_layout(flight.directory / SAVED).section(DASHBOARD, PageConfig)
+        lines.append(f"dashboard {page_url(flight.directory, page)}")
+    return "\n".join(lines)
 
 
 def arguments(argv: list[str]) -> argparse.Namespace:
@@ -112,6 +116,14 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("layout", nargs="?", default="local", help="file or built-in (local)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.OPTION=VALUE", help="repeatable"
+    )
+    parser.add_argument(
+        "--with",
+        action="append",
+        default=[],
+        choices=OPTIONAL,
+        dest="beside",
+        help="start it beside the processes of the layout; repeatable",
     )
     parser.add_argument(
         "--force", action="store_true", help="start even if a flight of this robot is up"
@@ -127,7 +139,7 @@ def main(argv: list[str]) -> int:
     options = arguments(argv)
     try:
         path = asset_path(options.layout, "layouts", ".toml").resolve()
-        layout = load_layout(path, options.set)
+        layout = load_layout(path, options.set).beside(*options.beside)
         layout.validate_all()
     except (LayoutError, ValueError, OSError) as error:
         print(f"juncnet up: {error}", file=sys.stderr)

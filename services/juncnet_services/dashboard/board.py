@@ -41,6 +41,7 @@ ALWAYS: tuple[tuple[Topic[Any], int], ...] = (
 """Topics that are always heard, and how many messages of each robot may wait: they are small."""
 WATCHED: tuple[Topic[Any], ...] = (CAMERA_IMAGE, RADON_FEATURES, ROAD_COMMAND)
 """Topics that are heard only while a page shows pictures: JPEGs are made for us alone."""
+LOOK_S = 0.05
 UNWATCHED_NS = 3 * NS_PER_S
 """Without a page that asks for pictures for so long they are ordered off."""
 
@@ -128,3 +129,11 @@ class Board:
 
     def _bus_of(self, robot: str) -> Bus | None:
         return next((ears.bus for ears in self._ears if robot in ears.robots), None)
+
+
+def listen(bus: Bus, board: Board) -> None:
+    """Hear a bus until it stops."""
+    ears = board.listen(bus)
+    while bus.running:
+        bus.wait(LOOK_S)
+        board.hear(ears)

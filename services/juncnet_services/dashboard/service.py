@@ -14,10 +14,11 @@ from juncnet.bus import Bus
 from juncnet.camera import CameraGeometry
 from juncnet.launch import launch
 from juncnet_services.dashboard.access import Right, address_in
-from juncnet_services.dashboard.board import Board, Ears
+from juncnet_services.dashboard.board import Board, listen
 from juncnet_services.dashboard.pages import About, served
 
-LOOK_S = 0.05
+DASHBOARD = "dashboard"
+"""Name of the process and of its section in a layout."""
 NICENESS = 5
 """The flight comes first. A stop still leaves at once: it costs a millisecond of a core."""
 
@@ -64,14 +65,7 @@ def run(bus: Bus, config: Config) -> None:
     board = Board(bus.clock, config.camera)
     with served(board, address, about(config, bus)):
         logging.getLogger(bus.service).info("%s", page_url(bus.flight_dir, config))
-        listen(bus, board, board.listen(bus))
-
-
-def listen(bus: Bus, board: Board, ears: Ears) -> None:
-    """Hear a bus until it stops."""
-    while bus.running:
-        bus.wait(LOOK_S)
-        board.hear(ears)
+        listen(bus, board)
 
 
 def main() -> None:
