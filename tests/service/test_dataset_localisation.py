@@ -25,6 +25,7 @@ from juncnet.messages import (
     VehicleState,
     Velocity,
 )
+from juncnet_services.cli.view import event_text
 from juncnet_services.junction_inference import service as inference
 from juncnet_services.junction_navigation import service as navigation
 from scenes import tiny_model
@@ -105,4 +106,6 @@ def test_events_carry_the_label_of_their_junction(tmp_path: Path) -> None:
     for count, label in ((1, "junction_1"), (2, "junction_2")):
         for kind in (EventKind.APPROACHED, EventKind.ENTERED, EventKind.LEFT):
             assert (kind, label) in by_count[count]
-    assert [e.count for e in events if e.kind is EventKind.APPROACHED] == [1, 2]
+    approached = [e for e in events if e.kind is EventKind.APPROACHED]
+    assert [e.count for e in approached] == [1, 2]
+    assert event_text(approached[1]).endswith("junction 2 (junction_2)")

@@ -138,9 +138,10 @@ def _number(value: float | None) -> str:
 
 
 def event_text(event: JunctionEvent) -> str:
-    """Return an event in one line."""
+    """Return an event in one line, with its junction's name where the model has one."""
     turn = f"  {turn_text(event.turn)}" if event.turn else ""
-    return f"{event.index:4d}  {event.kind.value:<16} junction {event.count}{turn}"
+    name = "" if event.label == "junction" else f" ({event.label})"
+    return f"{event.index:4d}  {event.kind.value:<16} junction {event.count}{name}{turn}"
 
 
 def _events(watched: Watched) -> RenderableType:
