@@ -220,7 +220,7 @@ def test_fine_tuning_starts_from_the_model(tmp_path: Path) -> None:
 
 def test_a_dataset_without_plain_road_is_refused(tmp_path: Path) -> None:
     data = [open_dataset(write(tmp_path / "d", classes=("one", "two")))]
-    with pytest.raises(DatasetError, match="one class must be called none"):
+    with pytest.raises(DatasetError, match="the first class must be none"):
         train(data, Order(QUICK, 0, "m", tmp_path / "m.onnx"))
 
 
@@ -229,6 +229,7 @@ def test_the_command_trains_and_writes_model_card_and_curve(
 ) -> None:
     folder, out = write(tmp_path / "d"), tmp_path / "mine.onnx"
     arguments = [str(folder), "--out", str(out), "--epochs", "2", "--threads", "1"]
+    arguments += ["--watch", str(folder)]
     assert command.main(arguments) == 0
     assert "1 of 6 sites held out" in capsys.readouterr().out
     network = command.main([*arguments, "--from", str(out), "--epochs", "1"])
@@ -236,6 +237,7 @@ def test_the_command_trains_and_writes_model_card_and_curve(
     data = json.loads(out.with_suffix(".json").read_text())
     assert data["command"].startswith("juncnet train d --out mine.onnx")
     assert data["curve"][-1]["samples"] > 0
+    assert 0 <= data["curve"][-1]["watched_auc"] <= 1
     assert "1 of 6 sites held out" in out.with_suffix(".md").read_text()
     assert not out.with_suffix(".checkpoint").exists()
 

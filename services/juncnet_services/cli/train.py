@@ -36,6 +36,9 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--from", dest="start", type=Path, metavar="MODEL", help="go on from it")
     parser.add_argument("--out", type=Path, default=Path("my-juncnet.onnx"), metavar="FILE.onnx")
     parser.add_argument("--name", help="of the model (default: the file's)")
+    parser.add_argument(
+        "--watch", type=Path, metavar="DATA", help="judge it along the way; it decides nothing"
+    )
     parser.add_argument("--epochs", type=float, help="instead of the preset's")
     parser.add_argument("--rate", type=float, help="learning rate, instead of the preset's")
     parser.add_argument("--seed", type=int, default=0)
@@ -69,7 +72,8 @@ def main(argv: list[str]) -> int:
         order.out.parent.mkdir(parents=True, exist_ok=True)
         datasets = [open_dataset(path) for path in options.data]
         interrupted = _Interrupt()
-        outcome = train(datasets, order, options.resume, _Progress(), interrupted.happened)
+        watched = open_dataset(options.watch) if options.watch else None
+        outcome = train(datasets, order, options.resume, _Progress(), interrupted.happened, watched)
     except (DatasetError, WeightsError, CheckpointError, ModelFileError, ValueError) as error:
         print(f"juncnet train: {error}", file=sys.stderr)
         return 2

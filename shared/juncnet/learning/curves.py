@@ -18,7 +18,7 @@ def draw_curve(curve: Sequence[Point], path: Path) -> None:
     """
     seen = [point.samples for point in curve]
     with drawing(path, 6.0, 3.6) as figure:
-        loss, accuracy = figure.add_subplot(), None
+        loss = figure.add_subplot()
         accuracy = loss.twinx()
         loss.plot(seen, [point.loss for point in curve], color="tab:gray", marker=".")
         loss.set_xlabel("pictures seen in training")
@@ -27,3 +27,8 @@ def draw_curve(curve: Sequence[Point], path: Path) -> None:
         percent = [100 * point.balanced_accuracy for point in curve]
         accuracy.plot(seen, percent, color="tab:blue", marker=".")
         accuracy.set_ylabel("balanced accuracy, validation part [%]", color="tab:blue")
+        watched = [(p.samples, 100 * p.watched_auc) for p in curve if p.watched_auc is not None]
+        if watched:
+            x, y = zip(*watched, strict=True)
+            accuracy.plot(x, y, color="tab:green", marker=".", label="100 AUC, watched pictures")
+            accuracy.legend(loc="lower right")

@@ -22,6 +22,7 @@ from torch.nn import functional
 
 from juncnet.features import Extractor
 from juncnet.learning.augment import mirror, vary
+from juncnet.learning.evaluation.metrics import Ranking
 from juncnet.learning.pictures import Pictures
 from juncnet.learning.recipes import Recipe
 from juncnet.network import RobustNet, WithMask
@@ -45,6 +46,8 @@ class Point:
     """Mean since the point before."""
     balanced_accuracy: float
     """Of the averaged weights, on the validation part."""
+    watched_auc: float | None = None
+    """Area under the ROC of *any junction* against *none* on watched pictures, if there are any."""
 
 
 class CheckpointError(ValueError):
@@ -62,10 +65,15 @@ class Trainer:
         recipe: Recipe,
         seed: int,
         extractor: Extractor,
+        watched: Pictures | None = None,
     ) -> None:
-        """Prepare; `validation` is judged and never trained on."""
+        """Prepare; `validation` and `watched` are judged and never trained on.
+
+        `watched` pictures, perhaps from elsewhere, decide nothing; class 0 is *none*.
+        """
         self.recipe, self.seed = recipe, seed
         self._data, self._validation, self._extractor = data, validation, extractor
+        self._watched = watched
         torch.manual_seed(seed)
         self._inner = network
         self._network = network
@@ -193,9 +201,13 @@ class Trainer:
         known = self._validation.label >= 0
         answer = predict(self._inner, self._validation.gray[known], self._extractor)
         accuracy = balanced_accuracy(answer, self._validation.label[known])
+        auc = None
+        if self._watched is not None:
+            answer = predict(self._inner, self._watched.gray, self._extractor)
+            auc = Ranking(1 - answer[:, 0], self._watched.label > 0).area()
         self._inner.load_state_dict(own)
         seen = self.step * self.recipe.batch
-        self.curve.append(Point(seen, self._loss_sum / steps, accuracy))
+        self.curve.append(Point(seen, self._loss_sum / steps, accuracy, auc))
         self._loss_sum = 0.0
         if self.recipe.keep_best and (self._best is None or accuracy > self._best[0]):
             self._best = (accuracy, {k: v.clone() for k, v in self.averaged.items()})

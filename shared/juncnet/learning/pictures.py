@@ -39,13 +39,19 @@ class Pictures:
         return (weights * share.sum() / len(share)).astype(np.float32)
 
 
-def prepared(datasets: Sequence[Dataset], preprocessing: Preprocessing) -> Pictures:
+def prepared(
+    datasets: Sequence[Dataset],
+    preprocessing: Preprocessing,
+    classes: tuple[str, ...] | None = None,
+) -> Pictures:
     """Return the pictures of all datasets that have something to teach, in memory.
+
+    `classes` is the order of the classes in what is returned; the first dataset's by default.
 
     Raises:
         DatasetError: their classes differ, or a picture cannot be read.
     """
-    classes = datasets[0].classes
+    classes = classes or datasets[0].classes
     parts: list[Pictures] = []
     for dataset in datasets:
         if set(dataset.classes) != set(classes):

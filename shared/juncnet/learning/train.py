@@ -115,15 +115,18 @@ def train(
     resume: bool = False,
     progress: Progress | None = None,
     stop: Callable[[], bool] = lambda: False,
+    watched: Dataset | None = None,
 ) -> Outcome:
     """Train on all datasets and write the model file; where `stop` says so, a checkpoint only.
+
+    `watched` is judged at every point of the curve; it is never trained on and decides nothing.
 
     Raises:
         DatasetError, WeightsError, CheckpointError, ModelFileError: what is wrong and what to do.
     """
     classes = datasets[0].classes
-    if "none" not in classes:
-        raise DatasetError(f"one class must be called none, for plain road: {', '.join(classes)}")
+    if classes[0] != "none":
+        raise DatasetError(f"the first class must be none, for plain road: {', '.join(classes)}")
     recipe, extractor = order.recipe, Extractor(order.recipe.preprocessing)
     parts = [divide(dataset, order.seed) for dataset in datasets]
     training = prepared([p.training for p in parts], recipe.preprocessing)
@@ -133,7 +136,8 @@ def train(
     network = build(recipe.architecture, channels, len(classes), recipe.dropout)
     if order.start is not None:
         start_from(network, order.start, _metadata_of(order.start).classes == classes)
-    trainer = Trainer(network, training, validation, recipe, order.seed, extractor)
+    seen = None if watched is None else prepared([watched], recipe.preprocessing, classes)
+    trainer = Trainer(network, training, validation, recipe, order.seed, extractor, seen)
     if resume and order.checkpoint.exists():
         trainer.resume(order.checkpoint)
     divided = tuple(part.how for part in parts)
