@@ -1,8 +1,7 @@
 """The `Bus` over Zenoh: one session with the processes of this host, links to the vehicle's router.
 
-On the vehicle, and where everything is on one host, there is only the first. Elsewhere what comes
-from a service that is not on this host is heard through the vehicle's router, and what is
-published here goes both ways: Zenoh sends it over the network only while somebody listens there.
+On the vehicle, and where everything is on one host, there is only the first. Elsewhere
+`juncnet.routes` says what is heard and told through the vehicle's router.
 """
 
 import contextlib
@@ -25,6 +24,7 @@ from juncnet.inbox import Inbox, Mailbox, Waitable
 from juncnet.links import RemoteSettings
 from juncnet.messages import Message, MessageError, Reply
 from juncnet.process import ServiceProcess
+from juncnet.routes import Routes
 from juncnet.topics import FrameTopic, Request, Topic, health_topic
 from juncnet.zenoh_clocks import ClockWatch, tell_time
 from juncnet.zenoh_remote import RemoteLink
@@ -68,7 +68,8 @@ class ZenohBus(ServiceProcess):
         self._session = zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
         self._remote: RemoteLink | None = None
         if remote is not None:
-            self._remote = RemoteLink(remote, flight.processes, service, self._health.error)
+            self._remote = RemoteLink(remote, self._health.error)
+        self._routes = Routes(flight.processes, service)
         self._threads: list[threading.Thread] = []
         self._queries: list[queue.SimpleQueue[zenoh.Query | None]] = []
         self._clocks = self._watch_clocks()
@@ -112,7 +113,7 @@ class ZenohBus(ServiceProcess):
                 return found
             declared = [declare_publisher(self._session, topic, key)]
             self._publishers[key] = declared
-        if self._remote is not None and self._remote.tells(key):
+        if self._remote is not None and self._routes.tells_there(key):
             self._remote.of(topic.qos).when_open(
                 lambda session: declared.append(declare_publisher(session, topic, key))
             )
@@ -139,9 +140,9 @@ class ZenohBus(ServiceProcess):
             self._waking.append(inbox)
         key = topic.expression(robot or self.robot)
         subscribers = self._subscribers[id(inbox)] = []
-        if self._remote is None or self._remote.is_heard_here(topic.publisher):
+        if self._remote is None or self._routes.hears_here(topic.publisher):
             subscribers.append(declare_subscriber(self._session, topic, key, received))
-        if self._remote is not None and self._remote.hears(topic.publisher, key):
+        if self._remote is not None and self._routes.hears_there(topic.publisher, key):
             self._remote.of(topic.qos).when_open(
                 lambda session: subscribers.append(
                     declare_subscriber(session, topic, key, received)
@@ -215,7 +216,7 @@ class ZenohBus(ServiceProcess):
 
     def _asking(self, request: Request[Any]) -> zenoh.Session:
         """Return the session on which the server of `request` is reached."""
-        if self._remote is None or not self._remote.is_elsewhere(request.server):
+        if self._remote is None or not self._routes.is_elsewhere(request.server):
             return self._session
         return self._remote.control.session or self._session
 

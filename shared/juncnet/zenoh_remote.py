@@ -78,45 +78,13 @@ class RemoteSession:
 
 
 class RemoteLink:
-    """The control session, the bulk session once something needs it, and what goes over them.
+    """The control session, and the bulk session once something needs it."""
 
-    What a service of this host publishes is heard here and not over the network. What a service
-    publishes elsewhere under the name of the one that listens (camera/video is taken and made
-    by frame_capture) is heard over the network and not sent back.
-    """
-
-    def __init__(
-        self,
-        settings: RemoteSettings,
-        processes: tuple[str, ...],
-        service: str,
-        problem: Callable[[str], None],
-    ) -> None:
+    def __init__(self, settings: RemoteSettings, problem: Callable[[str], None]) -> None:
         self._settings, self._problem = settings, problem
-        self._processes, self._service = processes, service
-        self._taken: set[str] = set()
         self._lock = threading.Lock()
         self._control = RemoteSession(settings.control, problem)
         self._bulk: RemoteSession | None = None
-
-    def is_elsewhere(self, service: str) -> bool:
-        """Return whether `service` may run on another host."""
-        return service not in self._processes or service == self._service
-
-    def is_heard_here(self, publisher: str) -> bool:
-        """Return whether what `publisher` publishes may come from this host."""
-        return publisher != self._service
-
-    def hears(self, publisher: str, key: str) -> bool:
-        """Return whether `key` is to be heard over the network; what we make ourselves is not
-        sent there then."""
-        if publisher == self._service:
-            self._taken.add(key)
-        return self.is_elsewhere(publisher)
-
-    def tells(self, key: str) -> bool:
-        """Return whether what is published under `key` here may be heard over the network."""
-        return key not in self._taken
 
     @property
     def control(self) -> RemoteSession:
