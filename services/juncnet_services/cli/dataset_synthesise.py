@@ -6,6 +6,7 @@ run goes on where it was: shards that are there are kept.
 """
 
 import argparse
+import multiprocessing
 import shlex
 import sys
 import time
@@ -88,7 +89,7 @@ def main(argv: list[str]) -> int:
         from juncnet.learning.datasets import DatasetInfo, write_info
         from juncnet.learning.samples import LABELS
     try:
-        shards = list(_shards(options))
+        shards = list(shards_of(options))
         options.folder.mkdir(parents=True, exist_ok=True)
         _make([shard for shard in shards if not shard.path.exists()], options.processes)
     except (ValueError, OSError) as error:
@@ -110,7 +111,8 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _shards(options: argparse.Namespace) -> Iterator[Shard]:
+def shards_of(options: argparse.Namespace) -> Iterator[Shard]:
+    """Yield the files to be made; ValueError: what is wrong with the options."""
     if options.pictures < 1 or not 0 <= options.streets <= 1 or options.per_world < 1:
         raise ValueError("--pictures and --per-world need to be at least 1, --streets 0 to 1")
     variety, left, number = _variety(options), options.pictures, 0
@@ -165,6 +167,9 @@ def make_shard(shard: Shard) -> int:
     from juncnet.learning.streets import street_samples
     from juncnet.learning.synthetic import world_samples
 
+    parent = multiprocessing.parent_process()
+    if parent is not None and not parent.is_alive():
+        raise SystemExit("juncnet dataset synthesise was ended")
     cv2.setNumThreads(1)
     parts: list[Samples] = []
     for k, first in enumerate(range(0, shard.worlds, shard.per_world)):

@@ -1,0 +1,68 @@
+"""`juncnet dataset synthesise`: shards that the reader reads, the same by seed, made once."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from juncnet.learning.datasets import open_dataset
+from juncnet_services.cli import dataset_synthesise as command
+
+pytest.importorskip("rich")
+
+ARGUMENTS = ["--pictures", "14", "--streets", "0.5", "--seed", "1900200", "--processes", "1"]
+
+
+def test_shards_are_read_back_and_not_made_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "d"
+    assert command.main([str(folder), *ARGUMENTS]) == 0
+    assert "14 pictures in 1 shards" in capsys.readouterr().out
+    dataset = open_dataset(folder)
+    assert len(dataset) == 14
+    assert dataset.classes == ("none", "junction")
+    assert set(dataset.site.tolist()) == {"1900200", "-1900200"}
+    assert dataset.info.made_by == "juncnet dataset synthesise d " + " ".join(ARGUMENTS)
+    masks = dataset.masks()
+    assert masks is not None
+    assert masks.any()
+    written = (folder / "0000.npz").stat().st_mtime_ns
+    assert command.main([str(folder), *ARGUMENTS]) == 0
+    assert (folder / "0000.npz").stat().st_mtime_ns == written
+    shards = list(command.shards_of(command.arguments([str(tmp_path / "e"), *ARGUMENTS])))
+    (tmp_path / "e").mkdir()
+    assert [command.make_shard(shard) for shard in shards] == [14]
+    with np.load(tmp_path / "e/0000.npz") as again:
+        np.testing.assert_array_equal(again["gray"], dataset.whole_shards())
+
+
+def test_ranges_and_kinds_reach_the_pictures(tmp_path: Path) -> None:
+    words = [str(tmp_path), "--driven", "--height-m", "2,3", "--tilt-deg", "0", "--haze", "0,0.1"]
+    (shard,) = command.shards_of(command.arguments([*words, "--pictures", "600"]))
+    assert shard.streets == 0
+    assert shard.variety.height_m == (2.0, 3.0)
+    assert shard.variety.tilt_deg == 0.0
+    assert shard.variety.near_junctions == 0.0
+    assert shard.variety.haze == (0.0, 0.1)
+    several = list(command.shards_of(command.arguments([str(tmp_path), "--pictures", "15000"])))
+    assert sum(s.worlds + s.streets for s in several) == 15000
+    assert len({s.seed for s in several}) == len({s.path for s in several}) == len(several)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--pictures", "0"], "at least 1"),
+        (["--height-m", "5,2"], "--height-m 5,2: give LOW,HIGH"),
+        (["--fov-deg", "wide"], "--fov-deg wide: give LOW,HIGH"),
+        (["--palette", "purple"], "purple"),
+        (["--noise", "-3"], "noise"),
+    ],
+)
+def test_bad_arguments_end_with_2(
+    words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command.main([str(tmp_path / "d"), *words]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "d").exists()
