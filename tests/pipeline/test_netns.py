@@ -1,4 +1,4 @@
-"""Drone and laptop as two hosts with clocks of their own: overload, outage, a host that vanishes."""
+"""Drone and laptop as two hosts with clocks of their own: overload, outage, a host that is gone."""
 
 import time
 from collections.abc import Iterator
@@ -83,3 +83,18 @@ def test_a_laptop_that_vanishes_leaves_the_robot_holding_for_good(
     assert newest is not None
     assert newest.output is Output.STOPPED
     assert "operator" in newest.output_reason
+
+
+def test_over_a_link_with_100_ms_there_and_back_the_robot_still_moves(
+    hosts: TwoHosts, flight: SplitFlight
+) -> None:
+    with hosts.delay(0.05):
+        flight.listen(12.0)  # the quick exchanges of before are forgotten
+        first = len(flight.ears.commands)
+        assert flight.until_moving(), "the robot does not move"
+        flight.listen(5.0)
+        clock = clock_figures(flight)
+        assert abs(clock["error_ms"]) <= clock["uncertainty_ms"]
+        assert clock["uncertainty_ms"] > 49
+        ages = sorted(command.age_ms for command in flight.ears.commands[first:])
+        assert ages[0] > 49

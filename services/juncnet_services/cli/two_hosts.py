@@ -23,6 +23,8 @@ CLOCK_AHEAD_S = 5000
 QUEUE_S = 0.1
 """What the access point's queues hold at most: a cheap one's."""
 BURST_BYTES = 20_000
+DELAY_TABLE = "100"
+"""Routes of packets that are to be held back."""
 
 
 def why_not() -> str | None:
@@ -114,6 +116,25 @@ class TwoHosts:
         for device in ("to-drone", "to-laptop"):
             rate = ["rate", str(bits_per_s), "burst", str(BURST_BYTES), "latency", f"{QUEUE_S}s"]
             self._in(AP, "tc", "qdisc", "replace", "dev", device, "root", "tbf", *rate)
+
+    @contextlib.contextmanager
+    def delay(self, seconds: float) -> Generator[None]:
+        """Hold every packet back for so long, in either direction, while the context lasts."""
+        self._in(AP, "ip", "tuntap", "add", "slow", "mode", "tun")
+        self._in(AP, "ip", "link", "set", "slow", "up")
+        self._in(AP, "ip", "route", "add", "default", "dev", "slow", "table", DELAY_TABLE)
+        for device in ("to-drone", "to-laptop"):
+            self._in(AP, "ip", "rule", "add", "iif", device, "lookup", DELAY_TABLE)
+        module = (sys.executable, "-m", "juncnet_services.cli.delay_line")
+        line = self.start(AP, [*module, "slow", str(seconds)], {})
+        try:
+            yield
+        finally:
+            line.kill()
+            line.wait()
+            for _ in ("to-drone", "to-laptop"):
+                self._in(AP, "ip", "rule", "del", "lookup", DELAY_TABLE)
+            self._in(AP, "ip", "link", "del", "slow")
 
     @contextlib.contextmanager
     def outage(self) -> Generator[None]:
