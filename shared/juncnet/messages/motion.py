@@ -1,9 +1,10 @@
 """Velocities, the road that a follower saw, and an operator's orders."""
 
+import json
 from enum import StrEnum
 from typing import Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from juncnet.messages.base import Message, Metres, Name, Probability, Stamp
 
@@ -51,6 +52,12 @@ class LoadFollower(Message):
     """Its class as `package.module:Class`, on the Python path of that process."""
     options: dict[str, Any] = Field(default_factory=dict)
     """The follower's own; none for the configured follower: those of its configuration."""
+
+    @field_validator("options")
+    @classmethod
+    def _finite(cls, options: dict[str, Any]) -> dict[str, Any]:
+        json.dumps(options, allow_nan=False)  # pydantic lets NaN and infinity pass within Any
+        return options
 
 
 class ActiveFollower(Message):
