@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from juncnet.assets import asset
-from juncnet.flight import join_flight
+from juncnet.flight import Flight
 from juncnet.layout import SAVED, LayoutError, load_layout
 from juncnet_services.cli import dashboard
 from juncnet_services.cli.up import success_text
@@ -44,8 +44,8 @@ def test_up_prints_the_address_of_a_dashboard_beside(tmp_path: Path) -> None:
     layout = load_layout(asset("layouts/local.toml")).beside("dashboard", "dashboard")
     assert layout.processes.count("dashboard") == 1
     layout.validate_all()
-    flight = join_flight(tmp_path, "robot", layout.processes)
+    flight = Flight("one", tmp_path, "robot", layout.processes)
     layout.save(tmp_path / SAVED)
     assert f"dashboard {address_in(tmp_path).url(Right.COMMAND)}" in success_text(flight)
-    plain = join_flight(tmp_path / "plain", "robot", ("router",))
+    plain = Flight("two", tmp_path, "robot", ("router",))
     assert "dashboard" not in success_text(plain)
