@@ -1,4 +1,4 @@
-"""Drone and laptop as two hosts with clocks of their own: overload, outage, a host that is gone."""
+"""Drone and laptop as two hosts with clocks of their own: overload, outage, a vanished host."""
 
 import time
 from collections.abc import Iterator
