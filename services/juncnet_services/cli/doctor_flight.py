@@ -29,6 +29,7 @@ def listen(bus: Bus, flight: Flight) -> tuple[dict[str, Health], VehicleState | 
         for name, inbox in inboxes.items():
             for _, health in inbox.drain():
                 healths[name] = health
+        states.drain()
     return healths, states.newest
 
 
