@@ -21,6 +21,9 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
+from juncnet.messages import EventKind
+from juncnet_services.cli.closed_loop import ClosedLoop
+from juncnet_services.cli.demo import prepare
 from juncnet_services.cli.provenance import provenance
 
 SEED, PALETTE = 700001, "withheld"
@@ -123,30 +126,41 @@ def table(rows: list[Judged], found: dict[str, Any]) -> str:
         f"Target: {100 * TARGET:.2f} % on other clips of the sites (the paper's figure on its own "
         f"data): {reached}. Fine-tuning took {found['training_s']:.0f} s.",
     ]
-    if "flight" in found:
-        f = found["flight"]
-        lines += [
-            "",
-            f"Flown with the fine-tuned model: {f['junctions_counted']} of {f['junctions_true']} "
-            f"junctions counted, {f['turns_taken']} of {f['turns_planned']} ways taken, verdict "
-            f"*{f['verdict']}* ({f['fps']:.1f} FPS, real-time factor {f['real_time_factor']}).",
-        ]
+    for what, f in found.get("flights", {}).items():
+        text = (
+            f"Flown with {what}.onnx in simulated time, same town and style: *{f['verdict']}*, "
+            f"{f['junctions_counted']} of {f['junctions_true']} junctions counted, "
+            f"{f['turns_taken']} of {f['turns_planned']} ways right."
+        )
+        if f["names"]:
+            told = "; ".join(f"{said} at {true}" for said, true, _ in f["names"])
+            right = sum(same for _, _, same in f["names"])
+            text += f" Events named {right} of {len(f['names'])} junctions rightly ({told})."
+        lines += ["", text]
     lines += ["", "Made by `" + found["origin"]["command"] + "`, which runs:", ""]
     lines += [f"    juncnet {command}" for _, command in STEPS]
     return "\n".join(lines) + "\n"
 
 
-def fly(work: Path) -> dict[str, Any]:
-    """Fly the town with the fine-tuned model and return the summary."""
-    command = (
-        f"demo --seed {SEED} --headless --json --no-dashboard "
-        f"--set simulator.palette={PALETTE} --set junction_inference.model={work}/mine.onnx "
-        "--set simulator.width=640 --set simulator.height=360"
-    )
-    words = [sys.executable, "-c", "from juncnet_services.cli.main import main; main()"]
-    done = subprocess.run([*words, *shlex.split(command)], stdout=subprocess.PIPE, text=True)
-    summary: dict[str, Any] = json.loads(done.stdout[done.stdout.index("{") :])
-    return summary
+def fly(model: Path) -> dict[str, Any]:
+    """Fly the town's mission with a model in simulated time; return verdict and junction names.
+
+    `names` has [label, true junction, right] for every junction that a class is named for or whose
+    event names one; `right` says whether they are the same.
+    """
+    settings = (f'simulator.palette="{PALETTE}"', f'junction_inference.model="{model}"')
+    loop = ClosedLoop(prepare("copter", None, SEED, None, settings))
+    summary = loop.fly()
+    classes = set(loop.model.metadata.classes)
+    names: list[tuple[str, str, bool]] = []
+    for event in (e for e in loop.trace.events if e.kind is EventKind.ENTERED):
+        # The event is told at the mouth: the junction is the next one that the robot is on.
+        later = (t for t in loop.trace.truth if t.at.time_ns >= event.header.time_ns)
+        node = next((t.junction_id for t in later if t.junction_id is not None), None)
+        true = f"junction-{node}"
+        if true in classes or event.label in classes - {"junction"}:
+            names.append((event.label, true, event.label == true))
+    return {**summary.model_dump(), "names": names}
 
 
 def main() -> int:
@@ -175,7 +189,7 @@ def main() -> int:
         learnt = sum(row["split"] != "test" for row in csv.DictReader(file))
     found: dict[str, Any] = {"learnt": learnt, "training_s": took.get("mine.onnx", 0.0)}
     if options.fly:
-        found["flight"] = fly(work)
+        found["flights"] = {name: fly(work / f"{name}.onnx") for name in ("mine", "places")}
     command = ["python", "tests/own_footage.py", "--work", "DIR", *(["--fly"] * options.fly)]
     found["origin"] = provenance(command).model_dump()
     found["judged"] = [row.model_dump() for row in rows]
