@@ -1,9 +1,11 @@
 """The MAVLink driver over UDP: links, the guard's packet, an end in order."""
 
+import itertools
 import math
 import os
 import pty
 import socket
+import statistics
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -69,7 +71,10 @@ def test_a_flight_over_udp_at_20_hz_that_ends_in_the_autopilots_hold(tmp_path: P
         time.sleep(1.0)
         began_s = time.monotonic()
         drive(vehicle, 2.0)
-        assert autopilot.rate_hz(began_s, time.monotonic()) == pytest.approx(20, abs=1)
+        sent = [t for t, _ in autopilot.setpoints if t >= began_s]
+        # The usual distance: a busy machine delays some, and has fewer in all.
+        usual_s = statistics.median(b - a for a, b in itertools.pairwise(sent))
+        assert 1 / usual_s == pytest.approx(20, abs=1)
         assert math.hypot(*autopilot.velocity[:2]) > 0.7
         seen = vehicle.telemetry(0.2)
         assert seen is not None
@@ -88,10 +93,12 @@ def test_the_guard_holds_height_and_mode_with_the_newest_packet(tmp_path: Path) 
         guard.beat(10.0, vehicle.hold())
         time.sleep(0.6)
         guard.beat(0.0, vehicle.hold())
-        before = len(autopilot.setpoints)
-        time.sleep(1.0)
-        # 20 a second of the driver's own, 20 of the guard.
-        assert len(autopilot.setpoints) - before >= 30
+
+        def lately() -> int:
+            return sum(t > time.monotonic() - 0.5 for t, _ in autopilot.setpoints)
+
+        # Those of the guard, 20 a second, come beside those of the driver.
+        until(lambda: lately() >= 15, "the guard is not heard")
         newest = [m for _, m in autopilot.setpoints[-10:]]
         assert {m.type_mask for m in newest} == {1475}
         assert all(m.z == pytest.approx(-1.0, abs=0.15) for m in newest)
