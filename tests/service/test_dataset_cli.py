@@ -17,7 +17,14 @@ from av.video.frame import VideoFrame
 
 from juncnet.camera import CameraGeometry
 from juncnet.frames import Frame, FrameLayout
-from juncnet.learning.datasets import Row, open_dataset, read_info, read_rows
+from juncnet.learning.datasets import (
+    DatasetInfo,
+    Row,
+    open_dataset,
+    read_info,
+    read_rows,
+    write_info,
+)
 from juncnet.learning.footage.drives import junction_drives, labels_of, path_of, poses, road_drives
 from juncnet.learning.footage.intervals import FootageError, read_intervals
 from juncnet.learning.footage.labelling import MarkAction, SeenAction, UndoAction
@@ -117,6 +124,11 @@ def test_an_interval_file_labels_clips_and_splits_by_site(
         ("clip,from,to\n", ["--labels", "{}/labels.csv"], "no column class"),
         (None, ["{}", "--shares", "1"], "three numbers"),
         (None, ["{}", "--site-from", "("], "unterminated"),
+        (
+            "clip,from,to,class\na.mp4,0,1,none\n",
+            ["--labels", "{}/labels.csv", "--height", "0"],
+            "16",
+        ),
     ],
 )
 def test_wrong_input_is_named(
@@ -132,7 +144,7 @@ def test_wrong_input_is_named(
     filled = [argument.format(tmp_path) for argument in arguments]
     assert dataset.main(["extract", *filled, "--out", str(tmp_path / "set")]) == 2
     assert says in capsys.readouterr().err
-    assert not (tmp_path / "set" / "dataset.json").exists()
+    assert not (tmp_path / "set").exists() or not any((tmp_path / "set").iterdir())
 
 
 def test_commands_and_their_absence(capsys: pytest.CaptureFixture[str]) -> None:
@@ -195,8 +207,35 @@ def test_check_names_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture
     code, report = check(out, capsys)
     assert {(leak["kind"], leak["what"]) for leak in report["leaks"]} >= {("site", "s1")}
     assert any("no picture of 'junction' in test" in problem for problem in report["problems"])
-    assert dataset.main(["check", str(tmp_path)]) == 2
-    assert "is no data set" in capsys.readouterr().err
+    assert dataset.main(["check", str(tmp_path / "v")]) == 2
+    assert "no dataset.json" in capsys.readouterr().err
+
+
+def test_check_reads_shards_and_class_folders_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(1)
+    shards = tmp_path / "shards"
+    shards.mkdir()
+    np.savez(
+        shards / "a.npz",
+        gray=rng.integers(0, 255, (6, 64, 64), dtype=np.uint8),
+        label=np.array([0, 1, 2, 0, 1, 2], np.uint8),
+        target=np.array([0, 1, 0.5, 0, 1, 0.5], np.float32),
+        site=np.arange(6) // 2,
+    )
+    write_info(shards, DatasetInfo(classes=("none", "junction"), shards=("a.npz",)))
+    code, report = check(shards, capsys)
+    assert (code, report["n"]) == (0, 6)
+    assert report["counts"]["no-class"] == {"": 2}
+    assert len(report["sheets"]) == 3
+    assert dataset.main(["check", str(shards)]) == 0
+    assert "undecided" in capsys.readouterr().out
+    for label in ("none", "junction"):
+        (tmp_path / "folders" / label).mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / "folders" / label / "a.png"), picture(3, 64, 48))
+    code, report = check(tmp_path / "folders", capsys, "--sheets", str(tmp_path / "sheets"))
+    assert (code, report["counts"]) == (0, {"none": {"": 1}, "junction": {"": 1}})
 
 
 def test_frames_come_by_index_in_any_order(tmp_path: Path) -> None:

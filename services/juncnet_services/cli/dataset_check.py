@@ -7,6 +7,7 @@ clips on both sides, near-duplicates across them. Exits 1 when something is wron
 
 import argparse
 import json
+import math
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -16,15 +17,15 @@ from typing import get_args
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from juncnet.learning.datasets import INFO, DatasetError, DatasetInfo, Row, read_info, read_rows
+from juncnet.learning.datasets import DatasetError, DatasetInfo, Row
 from juncnet.learning.footage.intervals import SPLITS
 from juncnet.learning.footage.leaks import Leak, group_leaks, near_duplicate_leaks
 from juncnet.learning.footage.likeness import F32, NEAR_DUPLICATE, SIDE, descriptor
 from juncnet.learning.footage.sheets import contact_sheet, evenly
-from juncnet.learning.footage.writer import PICTURES, SEEN_SITES, SPLIT_BY, SplitBy
-from juncnet_services.cli.dataset_counts import counts_table, site_table
+from juncnet.learning.footage.writer import SEEN_SITES, SPLIT_BY, SplitBy
+from juncnet_services.cli.dataset_contents import Contents
+from juncnet_services.cli.dataset_counts import UNDECIDED, counts_table, site_table
 
 SHEET_CELLS = 60
 SHOWN = 12
@@ -62,42 +63,26 @@ def examine(directory: Path, sheets: Path, near_duplicate: float = NEAR_DUPLICAT
     Raises:
         DatasetError: it is no data set, or a line of its table is wrong.
     """
-    info = _info(directory)
-    samples = read_rows(directory, info)
+    contents = Contents(directory)
+    info, rows = contents.info, contents.rows
     asked: SplitBy = next((s for s in get_args(SplitBy) if s == info.notes.get(SPLIT_BY)), "site")
-    descriptors, unreadable = _descriptors(directory, samples)
-    readable = [s for s in samples if s.path not in unreadable]
-    leaks = group_leaks(samples, asked)
+    descriptors, unreadable = _descriptors(contents)
+    readable = [row for index, row in enumerate(rows) if index not in unreadable]
+    leaks = group_leaks(rows, asked)
     leaks += near_duplicate_leaks(readable, descriptors, asked, near_duplicate)
-    known = {s.path for s in samples}
-    there = {
-        p.relative_to(directory).as_posix()
-        for p in (directory / PICTURES).rglob("*")
-        if p.is_file()
-    }
     return Report(
         classes=info.classes,
         split_by=asked,
         seen_sites=info.notes.get(SEEN_SITES) == "yes",
-        n=len(samples),
-        counts=_tally([(s.label, s.split) for s in samples]),
-        sites=_tally([(s.site, s.label) for s in samples]),
-        unreadable=tuple(unreadable),
-        unlisted=tuple(sorted(there - known)),
-        problems=tuple(_problems(info, samples)),
+        n=len(rows),
+        counts=_tally([(row.label, row.split) for row in rows]),
+        sites=_tally([(row.site, row.label) for row in rows]),
+        unreadable=tuple(rows[index].path for index in sorted(unreadable)),
+        unlisted=tuple(contents.unlisted),
+        problems=tuple(_problems(info, rows)),
         leaks=tuple(leaks),
-        sheets=tuple(_write_sheets(directory, readable, sheets)),
+        sheets=tuple(_write_sheets(contents, unreadable, sheets)),
     )
-
-
-def _info(directory: Path) -> DatasetInfo:
-    try:
-        return read_info(directory)
-    except OSError as error:
-        raise DatasetError(
-            f"{directory} is no data set ({INFO}: {error.strerror}): "
-            "`juncnet dataset extract` makes one"
-        ) from error
 
 
 def _tally(pairs: Sequence[tuple[str, str]]) -> dict[str, dict[str, int]]:
@@ -107,28 +92,17 @@ def _tally(pairs: Sequence[tuple[str, str]]) -> dict[str, dict[str, int]]:
     return counts
 
 
-def _descriptors(directory: Path, samples: Sequence[Row]) -> tuple[F32, list[str]]:
-    """Return the descriptors of the readable pictures, and the paths of the others."""
-    rows: list[F32] = []
-    unreadable: list[str] = []
-    for sample in samples:
-        gray = _read(directory / sample.path, cv2.IMREAD_GRAYSCALE)
+def _descriptors(contents: Contents) -> tuple[F32, set[int]]:
+    """Return the descriptors of the readable pictures, and the indices of the others."""
+    found: list[F32] = []
+    unreadable: set[int] = set()
+    for index in range(len(contents.rows)):
+        gray = contents.luminance(index)
         if gray is None:
-            unreadable.append(sample.path)
+            unreadable.add(index)
         else:
-            rows.append(descriptor(gray))
-    return np.array(rows, np.float32).reshape(-1, SIDE * SIDE), unreadable
-
-
-def _read(path: Path, how: int) -> NDArray[np.uint8] | None:
-    """Return the picture at `path`; None: it is missing, or no whole picture."""
-    try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError:
-        return None
-    whole = not path.suffix.lower().startswith(".jp") or data[-2:].tobytes() == b"\xff\xd9"
-    pixels = cv2.imdecode(data, how) if len(data) and whole else None
-    return None if pixels is None else np.asarray(pixels, np.uint8)
+            found.append(descriptor(gray))
+    return np.array(found, np.float32).reshape(-1, SIDE * SIDE), unreadable
 
 
 def _problems(info: DatasetInfo, samples: Sequence[Row]) -> list[str]:
@@ -137,8 +111,8 @@ def _problems(info: DatasetInfo, samples: Sequence[Row]) -> list[str]:
         found.append(f"the first class is {info.classes[0]!r}: `none` (plain road) must be it")
     twice = [path for path, n in Counter(s.path for s in samples).items() if n > 1]
     found += [f"{path} stands in the table more than once" for path in sorted(twice)]
-    if samples and all(s.split == "test" for s in samples):
-        return found  # To judge models with, not to train them.
+    if {s.split for s in samples} <= {"test"} or not any(s.split for s in samples):
+        return found  # To judge models with; or whoever trains deals out.
     have = Counter((s.split, s.label) for s in samples)
     for split in SPLITS:
         if not any(s.split == split for s in samples):
@@ -154,25 +128,29 @@ def _problems(info: DatasetInfo, samples: Sequence[Row]) -> list[str]:
     return found
 
 
-def _write_sheets(directory: Path, samples: Sequence[Row], sheets: Path) -> list[str]:
+def _write_sheets(contents: Contents, unreadable: set[int], sheets: Path) -> list[str]:
     """Write a contact sheet for each class of each split and return their paths."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for index, row in enumerate(contents.rows):
+        if index not in unreadable:
+            groups.setdefault((row.split or UNDECIDED, row.label), []).append(index)
     written: list[str] = []
-    for split in SPLITS:
-        for label in sorted({s.label for s in samples}):
-            rows = [s for s in samples if (s.split, s.label) == (split, label)]
-            if not rows:
-                continue
-            shown = [rows[i] for i in evenly(len(rows), SHEET_CELLS)]
-            pictures = [_read(directory / s.path, cv2.IMREAD_COLOR) for s in shown]
-            captions = [f"{s.site}  {s.time_s:.1f} s" for s in shown]
-            title = f"{label}, {split}: {len(shown)} of {len(rows)}"
-            pairs = [(p, c) for p, c in zip(pictures, captions, strict=True) if p is not None]
-            sheet = contact_sheet(title, [p for p, _ in pairs], [c for _, c in pairs])
-            path = sheets / f"{split}-{label}.png"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(cv2.imencode(".png", sheet)[1].tobytes())
-            written.append(str(path))
+    for (split, label), indices in sorted(groups.items()):
+        shown = [indices[i] for i in evenly(len(indices), SHEET_CELLS)]
+        pictures = [contents.picture(index) for index in shown]
+        pairs = [(p, i) for p, i in zip(pictures, shown, strict=True) if p is not None]
+        title = f"{label}, {split}: {len(shown)} of {len(indices)}"
+        captions = [_caption(contents.rows[i]) for _, i in pairs]
+        sheet = contact_sheet(title, [p for p, _ in pairs], captions)
+        path = sheets / f"{split}-{label}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(cv2.imencode(".png", sheet)[1].tobytes())
+        written.append(str(path))
     return written
+
+
+def _caption(row: Row) -> str:
+    return row.site if math.isnan(row.time_s) else f"{row.site}  {row.time_s:.1f} s"
 
 
 def text(directory: Path, samples: Sequence[Row], report: Report) -> str:
@@ -228,6 +206,5 @@ def main(argv: list[str]) -> int:
     if options.json:
         print(json.dumps({**asdict(report), "sound": report.sound}, indent=2))
     else:
-        rows = read_rows(options.directory, _info(options.directory))
-        print(text(options.directory, rows, report))
+        print(text(options.directory, Contents(options.directory).rows, report))
     return 0 if report.sound else 1

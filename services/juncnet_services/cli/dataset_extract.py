@@ -53,6 +53,20 @@ class Extraction:
         self._descriptors: list[F32] = []
         self._skipped = 0
 
+    def run(self, clips: Sequence[Clip], rules: Rules, limit: int | None, command: str) -> None:
+        """Write the whole data set; whatever stops this leaves the folder empty.
+
+        Raises:
+            FootageError: as `add` and `finish`.
+        """
+        try:
+            for number, clip in enumerate(clips, 1):
+                print(f"{number}/{len(clips)} {clip.name}: {self.add(clip)} frames", flush=True)
+            self.finish(rules, limit, command)
+        except BaseException:
+            self.writer.discard()
+            raise
+
     def add(self, clip: Clip) -> int:
         """Add the frames of a clip and return how many there were.
 
@@ -141,11 +155,13 @@ def main(argv: list[str]) -> int:
         else:
             raise FootageError("name a folder of class folders, or an interval file with --labels")
         sampling = Sampling(options.every, options.near_duplicate, options.height)
+        if sampling.every_s < 0 or sampling.height < 16 or (options.limit or 2) < 2:
+            raise FootageError(
+                "--every must not be negative, --height 16 or more, --limit 2 or more"
+            )
         command = shlex.join(["juncnet", "dataset", "extract", *argv])
         extraction = Extraction(options.out, sampling)
-        for number, clip in enumerate(clips, 1):
-            print(f"{number}/{len(clips)} {clip.name}: {extraction.add(clip)} frames", flush=True)
-        extraction.finish(rules, options.limit, command)
+        extraction.run(clips, rules, options.limit, command)
     except (FootageError, re.error) as error:
         print(f"juncnet dataset extract: {error}", file=sys.stderr)
         return 2

@@ -27,7 +27,7 @@ def evenly(count: int, limit: int) -> list[int]:
 def contact_sheet(
     title: str, pictures: Sequence[Bytes], captions: Sequence[str], columns: int = 6
 ) -> Bytes:
-    """Return one picture, (H, W, 3) uint8 BGR, of `pictures` (H, W, 3) BGR of any size, in rows.
+    """Return one picture, (H, W, 3) uint8 BGR, of `pictures`, BGR or (H, W), of any size, in rows.
 
     Each is scaled to fit its cell, its shape kept. Captions that are too wide lose their beginning.
     """
@@ -48,7 +48,9 @@ def contact_sheet(
 
 
 def fitted(picture: Bytes) -> Bytes:
-    """Return a BGR picture scaled to fit a cell, its shape kept."""
+    """Return a picture, BGR or (H, W), as BGR scaled to fit a cell, its shape kept."""
+    if picture.ndim == 2:
+        picture = np.asarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), np.uint8)
     height, width = picture.shape[:2]
     scale = min(CELL_W / width, CELL_H / height)
     size = (max(round(width * scale), 1), max(round(height * scale), 1))

@@ -6,6 +6,7 @@ stands in more than one split, so every figure is one of *seen sites*; else no).
 
 import math
 import os
+import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -86,6 +87,10 @@ class DatasetWriter:
             if index not in kept:
                 (self.directory / row.path).unlink()
         self.rows = [row for index, row in enumerate(self.rows) if index in kept]
+
+    def discard(self) -> None:
+        """Remove the pictures written so far: nothing is left but an empty folder."""
+        shutil.rmtree(self.directory / PICTURES, ignore_errors=True)
 
     def finish(
         self,
