@@ -1,10 +1,10 @@
-"""`juncnet bench radon|hop|pipeline|dashboard|split`: measures beside what it is compared with."""
+"""`juncnet bench radon|hop|pipeline|...`: measures beside what it is compared with."""
 
 import importlib
 import os
 import sys
 
-BENCHMARKS = ("radon", "hop", "pipeline", "dashboard", "split")
+BENCHMARKS = ("radon", "hop", "pipeline", "dashboard", "split", "forwarding")
 
 
 def main(argv: list[str]) -> int:
