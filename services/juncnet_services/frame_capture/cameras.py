@@ -65,6 +65,10 @@ def _open(source: Source, bus: Bus, *, decode: bool) -> Camera:
 
             receiver = RtpReceiver(source, bus.clock)
             return LiveCamera(receiver.connect, receiver.ask_key_frame)
+        case StreamSource() if not decode and source.url.startswith("rtsp://"):
+            from juncnet_services.frame_capture.rtsp import RtspReceiver
+
+            return LiveCamera(RtspReceiver(source, bus.clock).connect)
         case StreamSource() | RtpSource():
             from juncnet_services.frame_capture.stream import stream_connector
 

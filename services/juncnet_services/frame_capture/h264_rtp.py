@@ -4,7 +4,7 @@ Source: RFC 6184, 5.6 (single NAL unit), 5.7.1 (STAP-A), 5.8 (FU-A); packetizati
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from juncnet_services.frame_capture.contract import AccessUnit, Counts
@@ -44,12 +44,14 @@ class Depacketiser:
     A key frame is given out with its parameter sets: those before it, if it has none of its own.
     """
 
-    def __init__(self, counts: Counts) -> None:
+    def __init__(self, counts: Counts, parameter_sets: Sequence[bytes] = ()) -> None:
+        """`parameter_sets`: those that a session description told beforehand."""
         self._counts = counts
         self._picture: _Picture | None = None
         self._fragments: list[bytes] = []
         self._sets: dict[int, list[bytes]] = {}
         self._lost = 0
+        self._learn(list(parameter_sets))
 
     def push(self, packet: RtpPacket, lost: int, arrived_ns: int) -> list[AccessUnit]:
         """Take the next packet, `lost` ones before it; return the access units that are whole now.
