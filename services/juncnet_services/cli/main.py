@@ -35,7 +35,7 @@ COMMANDS = {
     "follower": ("evaluate_follower", "judge a road follower on a marked video"),
     "flights": ("flights", "fly many worlds, judge each and print the table"),
     "soak": ("soak", "fly until many junctions are passed, killing processes on the way"),
-    "bench": ("bench", "measure: radon, hop or pipeline"),
+    "bench": ("bench", "measure: radon, hop, pipeline, split ..."),
 }
 
 
