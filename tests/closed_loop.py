@@ -1,6 +1,6 @@
 """Flights in simulated time, for tests and tuning.
 
-    python tests/closed_loop.py --seeds 1-5 --vehicle copter
+python tests/closed_loop.py --seeds 1-5 --vehicle copter
 """
 
 import argparse

@@ -3,6 +3,7 @@
 import gzip
 import json
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -19,6 +20,7 @@ from juncnet.features import Extractor, Preprocessing
 from juncnet.learning.datasets import DatasetInfo, write_info
 from juncnet.learning.evaluation.ablation import VARIANTS
 from juncnet.learning.evaluation.classical import (
+    Classical,
     gradients,
     train_neighbours,
     train_support_vectors,
@@ -65,10 +67,9 @@ def test_every_network_takes_the_input_and_answers_for_every_class(name: str) ->
 
 
 @pytest.mark.parametrize("train", [train_neighbours, train_support_vectors])
-def test_kernels_and_neighbours_tell_a_bar_from_noise(train: object) -> None:
+def test_kernels_and_neighbours_tell_a_bar_from_noise(train: Callable[..., Classical]) -> None:
     gray, label = pictures(60)
     judged, judged_label = pictures(30, seed=1)
-    assert callable(train)
     found = train(gray, label.astype(np.int64), judged, judged_label.astype(np.int64))
     unseen, truth = pictures(20, seed=2)
     probability = found(unseen)

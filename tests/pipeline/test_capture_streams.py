@@ -10,13 +10,9 @@ import pytest
 
 from juncnet_services.frame_capture.contract import Camera
 from juncnet_services.frame_capture.live import LiveCamera
-from juncnet_services.frame_capture.stream import (
-    RtpSource,
-    StreamSource,
-    make_sdp,
-    stream_connector,
-)
-from juncnet_services.frame_capture.v4l2 import DeviceSource, device_connector
+from juncnet_services.frame_capture.sources import DeviceSource, RtpSource, StreamSource
+from juncnet_services.frame_capture.stream import make_sdp, stream_connector
+from juncnet_services.frame_capture.v4l2 import device_connector
 from videos import band_of, free_port, sender
 
 DEADLINE_S = 15.0

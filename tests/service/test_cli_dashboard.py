@@ -10,9 +10,10 @@ from juncnet.layout import SAVED, LayoutError, load_layout
 from juncnet_services.cli import dashboard
 from juncnet_services.cli.up import success_text
 from juncnet_services.dashboard.access import Right, address_in
+from juncnet_services.dashboard.service import Config
 
 
-def config(directory: Path, *words: str) -> dashboard.Config:
+def config(directory: Path, *words: str) -> Config:
     return dashboard.configuration(dashboard.arguments(list(words)), str(directory))
 
 

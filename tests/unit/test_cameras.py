@@ -13,14 +13,15 @@ from juncnet.frames import Frame, FrameLayout
 from juncnet.messages import PixelFormat, Stamp
 from juncnet_services.frame_capture.contract import Camera, CameraError, Picture
 from juncnet_services.frame_capture.decoding import TimeSteps
-from juncnet_services.frame_capture.file import FileCamera, FileSource
-from juncnet_services.frame_capture.folder import FolderCamera, FolderSource
+from juncnet_services.frame_capture.file import FileCamera
+from juncnet_services.frame_capture.folder import FolderCamera
 from juncnet_services.frame_capture.frozen import FrozenGate, fingerprint
 from juncnet_services.frame_capture.h264 import IDR, PPS, SPS, H264Track, nal_type, split_annex_b
 from juncnet_services.frame_capture.jpeg import JpegOptions, encode_jpeg
 from juncnet_services.frame_capture.pacing import Backoff, Pace
 from juncnet_services.frame_capture.planes import picture_of
-from juncnet_services.frame_capture.stream import RtpSource, make_sdp
+from juncnet_services.frame_capture.sources import FileSource, FolderSource, RtpSource
+from juncnet_services.frame_capture.stream import make_sdp
 from videos import band_of, write_video
 
 STAMP = Stamp(epoch=1, sequence=1, time_ns=1, clock="fake-clock", uncertainty_ns=0)

@@ -90,7 +90,8 @@ def row(score: Score) -> str:
         f"{score.seed:>6}  {'right' if score.flown_right else 'no':<5}  "
         f"{100 * score.on_road:6.1f} %  {score.centre_rms_m:5.2f} m  "
         f"{score.off_road_max_m:5.2f} m  {score.latency_p50_ms:5.1f} / "
-        f"{score.latency_p99_ms:5.1f} ms  {score.failures:>4}  {score.follower}  {'; '.join(score.reasons)}"
+        f"{score.latency_p99_ms:5.1f} ms  {score.failures:>4}  "
+        f"{score.follower}  {'; '.join(score.reasons)}"
     )
 
 

@@ -32,7 +32,7 @@ from juncnet.simulation.dynamics import Motion
 from juncnet.simulation.render import Renderer
 from juncnet.simulation.truth import GroundTruth
 from juncnet.simulation.world import wrap
-from juncnet_services.cli.demo import Setup, mission_toml, prepare
+from juncnet_services.cli.demo import Setup, mission_toml
 from juncnet_services.cli.judge import Judge, Summary
 from juncnet_services.command_output.limits import Limiter
 from juncnet_services.command_output.service import Config as OutputConfig

@@ -20,7 +20,7 @@ class Inputs:
         self, config: NavigatorConfig, offsets: Mapping[str, Offset] | None = None
     ) -> None:
         self._config = config
-        self._offsets = {} if offsets is None else offsets
+        self._offsets: Mapping[str, Offset] = {} if offsets is None else offsets
         self._scores, self._roads = ReplayGate(), ReplayGate()
         self._vehicle_ns = 0
         self.score: JunctionScore | None = None

@@ -175,7 +175,7 @@ class _Bench:
     ) -> SeedResult:
         """Train from a seed, or go on, and test once."""
         images, recipe = self._images, self._settings.recipe
-        torch.manual_seed(seed)
+        torch.manual_seed(seed)  # pyright: ignore[reportUnknownMemberType]
         network = self.network()
         trainer = SmallPictureTrainer(
             network, self.data, self.held_out, recipe, seed, self._extractor, images.mirror

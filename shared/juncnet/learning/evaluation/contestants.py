@@ -148,5 +148,10 @@ def train_network(
 def _watched(validation: Pictures) -> Pictures:
     known = np.flatnonzero(validation.label >= 0)
     rows = known[np.linspace(0, len(known) - 1, min(WATCHED, len(known))).astype(int)]
-    arrays = (validation.gray, validation.target, validation.label)
-    return Pictures(*(array[rows] for array in (*arrays, validation.mask, validation.masked)))
+    return Pictures(
+        validation.gray[rows],
+        validation.target[rows],
+        validation.label[rows],
+        validation.mask[rows],
+        validation.masked[rows],
+    )
