@@ -29,8 +29,8 @@ FLIGHT_S = 150.0
 def renamed_model(path: Path, name: str) -> Path:
     """Write the shipped model under another name, and return its path."""
     # onnx leaves parts of its own functions untyped
-    load: Any = onnx.load  # pyright: ignore[reportUnknownMemberType]
-    save: Any = onnx.save  # pyright: ignore[reportUnknownMemberType]
+    load: Any = onnx.load  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+    save: Any = onnx.save  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
     model = load(str(asset("models/juncnet.onnx")))
     for entry in model.metadata_props:
         if entry.key == PROPERTY:
