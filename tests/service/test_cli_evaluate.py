@@ -54,18 +54,18 @@ def test_a_split_that_shares_sites_is_called_so(data: Path, tmp_path: Path) -> N
     table = data / "samples.csv"
     table.write_text(table.read_text().replace("site5", "site0"))
     out = tmp_path / "result.json"
-    assert main(["juncnet", str(data), "--no-pictures", "--out", str(out)]) == 0
+    assert main(["juncnet", str(data), "--pictures", "none", "--out", str(out)]) == 0
     assert json.loads(out.read_text())["protocol"] == "seen sites"
     assert "**seen sites**" in out.with_suffix(".md").read_text()
 
 
 def test_classes_in_another_order_mean_the_same(data: Path, tmp_path: Path) -> None:
     first, second = tmp_path / "1.json", tmp_path / "2.json"
-    assert main(["juncnet", str(data), "--no-pictures", "--out", str(first)]) == 0
+    assert main(["juncnet", str(data), "--pictures", "none", "--out", str(first)]) == 0
     info = data / "dataset.json"
     swapped = json.loads(info.read_text()) | {"classes": ["none", "junction"]}
     info.write_text(json.dumps(swapped))
-    assert main(["juncnet", str(data), "--no-pictures", "--out", str(second)]) == 0
+    assert main(["juncnet", str(data), "--pictures", "none", "--out", str(second)]) == 0
     figures = [json.loads(path.read_text()) for path in (first, second)]
     assert figures[0]["confusion"] == figures[1]["confusion"]
     assert figures[0]["auc"] == figures[1]["auc"]
@@ -77,7 +77,9 @@ def test_told_apart_junctions_count_as_junctions(data: Path, tmp_path: Path) -> 
     info.write_text(info.read_text().replace('"junction",', '"first", "second",'))
     table.write_text(table.read_text().replace("3.png,junction", "3.png,first"))
     table.write_text(table.read_text().replace(",junction", ",second"))
-    assert main(["juncnet", str(data), "--no-pictures", "--split", "all", "--out", str(out)]) == 0
+    assert (
+        main(["juncnet", str(data), "--pictures", "none", "--split", "all", "--out", str(out)]) == 0
+    )
     figures = json.loads(out.read_text())
     assert figures["classes"] == ["none", "junction"]
     assert figures["per_class"]["junction"]["n"] == 12
@@ -111,7 +113,7 @@ def test_no_model_no_data(data: Path, tmp_path: Path, capsys: pytest.CaptureFixt
 def test_a_model_file_is_judged_wherever_it_lies(data: Path, tmp_path: Path) -> None:
     copy, out = tmp_path / "mine.onnx", tmp_path / "result.json"
     shutil.copy(asset("models/juncnet.onnx"), copy)
-    assert main([str(copy), str(data), "--no-pictures", "--out", str(out)]) == 0
+    assert main([str(copy), str(data), "--pictures", "none", "--out", str(out)]) == 0
     assert "juncnet evaluate mine roads" in out.with_suffix(".md").read_text()
 
 
@@ -119,7 +121,15 @@ def test_scores_are_put_into_the_card_once_a_set(data: Path, tmp_path: Path) -> 
     copy, card = tmp_path / "mine.onnx", tmp_path / "mine.md"
     shutil.copy(asset("models/juncnet.onnx"), copy)
     card.write_text("# mine\n\nAs it was.\n")
-    common = [str(copy), str(data), "--no-pictures", "--card", "--out", str(tmp_path / "o.json")]
+    common = [
+        str(copy),
+        str(data),
+        "--pictures",
+        "none",
+        "--card",
+        "--out",
+        str(tmp_path / "o.json"),
+    ]
     for name in ("first set", "second set", "first set"):
         assert main([*common, "--name", name]) == 0
     text = card.read_text()

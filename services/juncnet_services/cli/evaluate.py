@@ -43,7 +43,12 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--name", help="of the data in tables (default: the folder's)")
     parser.add_argument("--out", type=Path, help="default: models/evaluate-MODEL-DATA.json")
     parser.add_argument("--json", action="store_true", help="print all of it as one object")
-    parser.add_argument("--no-pictures", action="store_true")
+    parser.add_argument(
+        "--pictures",
+        choices=("all", "curves", "none"),
+        default="all",
+        help="curves: nothing that shows the data (where its licence does not let them be shown)",
+    )
     parser.add_argument("--card", action="store_true", help="put the scores in the model's card")
     return parser.parse_args(argv)
 
@@ -102,7 +107,8 @@ def _command(options: argparse.Namespace, model: Path) -> str:
     for name in ("split", "name", "sites"):
         value = getattr(options, name)
         words += [f"--{name}", value] if value else []
-    return shlex.join(words + (["--by", options.by] if options.by != "clip" else []))
+    words += ["--by", options.by] if options.by != "clip" else []
+    return shlex.join(words)
 
 
 def _write(
@@ -119,17 +125,17 @@ def _write(
     out.parent.mkdir(parents=True, exist_ok=True)
     title = f"{evaluation.model} on {evaluation.data}, {evaluation.protocol}"
     pictures: dict[str, Path] = {}
-    if not options.no_pictures:
-        pictures = {
-            "ROC, calibration, confusion": out.with_suffix(".png"),
-            "Worst mistakes and their reconstructions": out.with_name(f"{out.stem}-mistakes.png"),
-            "Grayscale, sharpened, reconstruction": out.with_name(f"{out.stem}-fig5.png"),
-        }
-        figures, mistakes, stages = pictures.values()
+    if options.pictures != "none":
+        path = pictures["ROC, calibration, confusion"] = out.with_suffix(".png")
+        draw_figures(given, evaluation, title, path)
+    if options.pictures == "all":
         preprocessing = model.metadata.preprocessing
-        draw_figures(given, evaluation, title, figures)
-        draw_mistakes(given, data, preprocessing, f"{title}: surest mistakes", mistakes)
-        draw_stages(data, preprocessing, f"{evaluation.data}: as the paper's Fig. 5", stages)
+        path = out.with_name(f"{out.stem}-mistakes.png")
+        pictures["Worst mistakes and their reconstructions"] = path
+        draw_mistakes(given, data, preprocessing, f"{title}: surest mistakes", path)
+        path = out.with_name(f"{out.stem}-fig5.png")
+        pictures["Grayscale, sharpened, reconstruction"] = path
+        draw_stages(data, preprocessing, f"{evaluation.data}: as the paper's Fig. 5", path)
     out.write_text(evaluation.model_dump_json(indent=1) + "\n")
     text = markdown(evaluation, pictures)
     out.with_suffix(".md").write_text(text)
