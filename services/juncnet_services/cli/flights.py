@@ -171,7 +171,7 @@ def write_report(report: BaseModel, text: str, path: Path) -> None:
 
 
 def flown_before(path: Path, vehicle: str, settings: Sequence[str]) -> tuple[Flown, ...]:
-    """Return the flights that a report at `path` has; none if there is no report.
+    """Return the flights that a report at `path` has, void ones left out; none without a report.
 
     Raises:
         ValueError: it is no report, or one of other flights than these.
@@ -184,7 +184,7 @@ def flown_before(path: Path, vehicle: str, settings: Sequence[str]) -> tuple[Flo
         raise ValueError(f"{path} is no report of flights: remove it") from error
     if (before.vehicle, before.settings) != (vehicle, tuple(settings)):
         raise ValueError(f"{path} has flights with other options: name another file with --out")
-    return before.flights
+    return tuple(flight for flight in before.flights if flight.summary.verdict != "void")
 
 
 def arguments(argv: list[str]) -> argparse.Namespace:
@@ -201,7 +201,9 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--vehicle", choices=("copter", "rover"), default="copter")
     parser.add_argument("--palette", help="colours other than the worlds' own")
     parser.add_argument("--out", type=Path, help="default: models/flights-VEHICLE.json")
-    parser.add_argument("--resume", action="store_true", help="skip seeds that are in the file")
+    parser.add_argument(
+        "--resume", action="store_true", help="skip seeds that are in the file, void ones excepted"
+    )
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.OPTION=VALUE", help="repeatable"
     )
