@@ -3,6 +3,7 @@
 import http.client
 import json
 import shutil
+import sys
 import threading
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -152,6 +153,16 @@ def test_commands_and_their_absence(capsys: pytest.CaptureFixture[str]) -> None:
     assert dataset.main([]) == 2
     assert dataset.main(["extrakt"]) == 2
     assert "no command 'extrakt'" in capsys.readouterr().err
+
+
+def test_a_missing_package_names_its_extra(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "av", None)
+    for name in ("dataset_extract", "dataset_videos"):
+        monkeypatch.delitem(sys.modules, f"juncnet_services.cli.{name}", raising=False)
+    assert dataset.main(["extract", "v", "--out", "o"]) == 2
+    assert "juncnet[laptop]" in capsys.readouterr().err
 
 
 def make_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:

@@ -11,6 +11,9 @@ COMMANDS = {
     "film": ("dataset_film", "videos of simulated drives with their intervals, to try this out"),
 }
 
+OUTSIDE = ("av", "cv2")
+"""Packages that the base install does not have."""
+
 
 def _usage() -> str:
     width = max(map(len, COMMANDS))
@@ -26,6 +29,13 @@ def main(argv: list[str]) -> int:
     if argv[0] not in COMMANDS:
         print(f"juncnet dataset: there is no command {argv[0]!r}\n\n{_usage()}", file=sys.stderr)
         return 2
-    module = importlib.import_module(f"juncnet_services.cli.{COMMANDS[argv[0]][0]}")
+    try:
+        module = importlib.import_module(f"juncnet_services.cli.{COMMANDS[argv[0]][0]}")
+    except ModuleNotFoundError as error:
+        if error.name not in OUTSIDE:
+            raise
+        text = f"it needs {error.name}, of the extra [laptop]: pip install 'juncnet[laptop]'"
+        print(f"juncnet dataset {argv[0]}: {text}", file=sys.stderr)
+        return 2
     answer: int = module.main(argv[1:])
     return answer
