@@ -1,6 +1,7 @@
 """`juncnet doctor`: each thing that may be wrong before a flight is found, with its remedy."""
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
@@ -51,7 +52,7 @@ def only(findings: Iterator[Finding]) -> Finding:
 def test_certificates_in_order(folder: Path) -> None:
     found = only(doctor_links.certificates(drone(folder), NOW))
     assert found.level is Level.OK
-    assert "364 days" in found.text
+    assert re.search(r"36[45] days", found.text)
     assert "localhost" in found.text
 
 
