@@ -102,7 +102,7 @@ def _arrives(sender: ZenohBus, reader: FrameReader, send: object) -> bool:
 def _newest_of_five(
     sender: ZenohBus, reader: FrameReader, send: Callable[[Frame], None], taken: list[int]
 ) -> bool:
-    """Send five at once, take what comes; a sender never waits, so a busy link may drop the last."""
+    """Send five at once, take what comes; a busy link may drop the last: a sender never waits."""
     stamps = [sender.stamp() for _ in range(5)]
     for stamp in stamps:
         send(peers.picture(stamp))
