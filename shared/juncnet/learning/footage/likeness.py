@@ -14,7 +14,7 @@ SIDE = 32
 FLAT = 2.0
 """Grey levels of deviation below which a picture shows nothing."""
 NEAR_DUPLICATE = 0.25
-"""Frames whose difference is smaller are near-duplicates; see docs/own-footage.md."""
+"""Frames whose difference is smaller are near-duplicates; see deploy/guides/own-footage.md."""
 
 F32 = NDArray[np.float32]
 _CHUNK = 512
