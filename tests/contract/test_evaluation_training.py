@@ -101,6 +101,7 @@ def test_table_iv_row_by_row(
     text = out.with_suffix(".md").read_text()
     assert "roads, seen sites" in text
     assert "shortened to 12.5 % of 8" in text
+    assert "Not trained yet: SVM; 1-CNN, 2-FCN; AlexNet; VGG" in text
     assert str(tmp_path) not in text
     assert out.with_suffix(".png").stat().st_size < 200_000
     assert compare.main([*common, "--seed", "1", "--resume"]) == 2

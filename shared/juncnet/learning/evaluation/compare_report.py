@@ -7,6 +7,7 @@ from pathlib import Path
 from textwrap import fill
 
 from juncnet.learning.evaluation.compare import PAPER_FIGURES, SEEN, UNSEEN, Comparison, Entry
+from juncnet.learning.evaluation.contestants import NAMES
 from juncnet.learning.evaluation.plots import drawing
 from juncnet.learning.evaluation.report import area
 from juncnet.learning.evaluation.scores import GroupScore
@@ -74,10 +75,17 @@ def markdown(comparison: Comparison, picture: str) -> str:
             "",
             table(["method", "pictures seen", "weights", "CPU minutes", "how"], recipes),
             "",
+            *_missing(comparison),
             f"Made by `{comparison.command}` on {comparison.machine}; seed {comparison.seed}.",
             "",
         ]
     )
+
+
+def _missing(comparison: Comparison) -> list[str]:
+    there = {entry.name for entry in comparison.entries}
+    missing = [name for name in NAMES if name not in there]
+    return [f"Not trained yet: {'; '.join(missing)}. `--resume` goes on.", ""] if missing else []
 
 
 def _scores(entry: Entry) -> list[GroupScore]:
