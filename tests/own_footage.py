@@ -115,11 +115,11 @@ def table(rows: list[Judged], found: dict[str, Any]) -> str:
         f"{found['learnt']} frames of the first two days; the third day's clips are the test. "
         "The other sites of the town were never filmed for training.",
         "",
-        "| judged on | protocol | frames | accuracy | balanced accuracy | AUC |",
+        "| judged on | training saw | frames | accuracy | balanced accuracy | AUC |",
         "|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {r.what} | {r.protocol} | {r.n} | {100 * r.accuracy:.2f} % "
+        f"| {r.what} | {'simulated worlds only' if 'shipped' in r.what else r.protocol} | {r.n} | {100 * r.accuracy:.2f} % "
         f"| {100 * r.balanced_accuracy:.2f} % | {r.auc:.4f} |"
         for r in rows
     ]
