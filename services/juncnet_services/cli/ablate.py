@@ -63,7 +63,8 @@ def _ablate(options: argparse.Namespace) -> None:
     from juncnet.learning.evaluation.ablation import Subject, ablate, variants
     from juncnet.learning.evaluation.protocols import divided
 
-    rows = chosen_rows(options, tuple(variants(options.preset)))
+    names = tuple(variants(options.preset))
+    rows = chosen_rows(options, names)
     also = further_sets(options)
     parts = divided(open_dataset(options.data), options.limit, options.seed)
     subject = Subject(options.preset, parts, also, options.test_limit)
@@ -71,7 +72,7 @@ def _ablate(options: argparse.Namespace) -> None:
     def make(name: str, budget: "Budget") -> "Entry":
         return ablate(name, subject, budget)
 
-    fill_table("ablate", options, parts, rows, make, _write)
+    fill_table("ablate", options, parts, rows, names, make, _write)
 
 
 def _write(table: "Comparison", out: Path) -> None:

@@ -70,7 +70,7 @@ def _compare(options: argparse.Namespace) -> None:
     def make(name: str, budget: "Budget") -> "Entry":
         return compete(name, train, validation, columns, budget)
 
-    fill_table("compare", options, parts, rows, make, _write)
+    fill_table("compare", options, parts, rows, NAMES, make, _write)
 
 
 def _write(table: "Comparison", out: Path) -> None:

@@ -73,6 +73,7 @@ def fill_table(
     options: argparse.Namespace,
     parts: "Parts",
     rows: Sequence[str],
+    order: Sequence[str],
     make: "Callable[[str, Budget], Entry]",
     write: "Callable[[Comparison, Path], None]",
 ) -> None:
@@ -82,7 +83,8 @@ def fill_table(
         command: its name.
         options: as parsed.
         parts: what is trained on.
-        rows: names, in order.
+        rows: names of those to make.
+        order: of all names in the table.
         make: trains and tests one of them.
         write: what else is written beside the JSON.
     """
@@ -103,7 +105,7 @@ def fill_table(
                 print(f"{row}: step {step} of {steps}", file=sys.stderr, flush=True)
 
         budget = Budget(options.epochs, options.seed, options.checkpoints, progress)
-        table = table.with_entry(make(row, budget))
+        table = table.with_entry(make(row, budget), order)
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(table.model_dump_json(indent=1) + "\n")
         write(table, out)

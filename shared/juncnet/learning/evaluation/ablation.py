@@ -84,7 +84,7 @@ def ablate(
         how=trained.how,
         pictures_seen=trained.pictures_seen,
         weights=trained.weights,
-        training_cpu_s=spent,
+        training_cpu_s=None if trained.resumed else spent,
         columns={title: judged(trained, tested) for title, tested in columns.items()},
     )
 

@@ -1,7 +1,7 @@
 """The paper's Table IV on one's own data: every contestant on the same pictures."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +36,8 @@ class Entry(BaseModel):
     how: str
     pictures_seen: int
     weights: int | None
-    training_cpu_s: float
+    training_cpu_s: float | None
+    """None: trained in parts, by several processes."""
     columns: dict[str, GroupScore]
 
 
@@ -55,9 +56,10 @@ class Comparison(BaseModel):
     n_validation: int
     entries: tuple[Entry, ...]
 
-    def with_entry(self, entry: Entry) -> "Comparison":
-        """Return the table with one more contestant."""
-        return self.model_copy(update={"entries": (*self.entries, entry)})
+    def with_entry(self, entry: Entry, order: Sequence[str]) -> "Comparison":
+        """Return the table with one more contestant, in the order of all their names."""
+        entries = sorted([*self.entries, entry], key=lambda e: order.index(e.name))
+        return self.model_copy(update={"entries": tuple(entries)})
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ def compete(
         how=trained.how,
         pictures_seen=trained.pictures_seen,
         weights=trained.weights,
-        training_cpu_s=clock() - started,
+        training_cpu_s=None if trained.resumed else clock() - started,
         columns={title: judged(trained, tested) for title, tested in columns.items()},
     )
 

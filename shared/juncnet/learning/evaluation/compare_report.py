@@ -43,7 +43,7 @@ def markdown(comparison: Comparison, picture: str) -> str:
             entry.name,
             str(entry.pictures_seen),
             "" if entry.weights is None else str(entry.weights),
-            f"{entry.training_cpu_s / 60:.1f}",
+            "" if entry.training_cpu_s is None else f"{entry.training_cpu_s / 60:.1f}",
             entry.how,
         ]
         for entry in comparison.entries

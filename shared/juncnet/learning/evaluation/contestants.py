@@ -43,6 +43,8 @@ class Trained:
     pictures_seen: int
     """Repetitions counted."""
     weights: int | None
+    resumed: bool = False
+    """Whether a part of the training was done by an earlier process."""
 
 
 @dataclass(frozen=True)
@@ -129,11 +131,12 @@ def train_network(
     channels, classes = len(recipe.preprocessing.channels), data.target.shape[1]
     network = rival.make(channels, classes, recipe.dropout)
     trainer = Trainer(network, data, _watched(validation), recipe, budget.seed, extractor)
-    checkpoint = None
+    checkpoint, resumed = None, False
     if budget.checkpoints is not None:
         budget.checkpoints.mkdir(parents=True, exist_ok=True)
         checkpoint = budget.checkpoints / f"{name.replace(' ', '_')}.pt"
-        if checkpoint.exists():
+        resumed = checkpoint.exists()
+        if resumed:
             trainer.resume(checkpoint)
     trainer.run(checkpoint, lambda step, steps, curve: budget.progress(step, steps))
     length = length_text(budget.epochs, rival.recipe.epochs)
@@ -142,6 +145,7 @@ def train_network(
         f"{rival.what}; {recipe.describe()}; {length}",
         trainer.steps * recipe.batch,
         parameters(network),
+        resumed,
     )
 
 
