@@ -26,7 +26,8 @@ from juncnet.messages import (
     Velocity,
 )
 from juncnet_services.junction_navigation.config import NavigatorConfig
-from juncnet_services.junction_navigation.navigator import Decision, Navigator
+from juncnet_services.junction_navigation.decision import Decision
+from juncnet_services.junction_navigation.navigator import Navigator
 from juncnet_services.junction_navigation.pace import Pace
 from juncnet_services.junction_navigation.progress import Progress
 from juncnet_services.junction_navigation.store import Resumed

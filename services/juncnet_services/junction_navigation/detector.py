@@ -5,17 +5,10 @@ import math
 from juncnet.camera import JunctionBand
 from juncnet.messages import Thresholds
 from juncnet_services.junction_navigation.config import DetectorConfig
+from juncnet_services.junction_navigation.place import mouth_m
 from juncnet_services.junction_navigation.progress import Junction, Progress
 
 MAX_STEP_S = 0.5
-SPREAD = 0.15
-"""Standard deviation of a distance at which a score rises or falls, as a part of it."""
-LONGEST_DELAY = 0.1
-SHORTEST_SPAN = 0.45
-"""A score that falls after a smaller part of the band was lost, not passed."""
-CORRECTION = 0.42
-"""Part of the difference between travelled and expected band that is taken for a speed error."""
-LARGEST_SCALE = 0.25
 
 
 class JunctionDetector:
@@ -68,7 +61,11 @@ class JunctionDetector:
             if known is not None and known.fall_m is not None and self._dipped(known, at_m):
                 known.fall_m = None
                 return
-        if state.candidate is None:
+        ahead = state.junction
+        if ahead is not None and not ahead.rise_seen and at_m < mouth_m(ahead, self.band, at_m):
+            # A junction that was counted because its opening was seen before the score rose.
+            ahead.rise_m, ahead.rise_seen, ahead.label = at_m, True, label
+        elif state.candidate is None:
             state.candidate = Junction(rise_m=at_m, label=label)
 
     def fallen(self, at_m: float) -> None:
@@ -110,6 +107,12 @@ class JunctionDetector:
         if state.high:
             state.candidate = Junction(rise_m=state.odometer_m, rise_seen=False)
 
+    @property
+    def free_m(self) -> float:
+        """Odometer reading from which on another junction may begin."""
+        left_m = self._progress.left_m
+        return -math.inf if left_m is None else left_m + self.config.gap_m
+
     def _dipped(self, known: Junction, at_m: float) -> bool:
         fall_m = known.fall_m
         return fall_m is not None and at_m - fall_m < min(self.config.dip_m, self.band.d_near_m)
@@ -119,55 +122,7 @@ class JunctionDetector:
         state = self._progress
         if state.left_m is None:
             return False
-        free_m = state.left_m + self.config.gap_m
-        if found.fall_m is not None and found.fall_m + self.band.d_near_m < free_m:
+        if found.fall_m is not None and found.fall_m + self.band.d_near_m < self.free_m:
             state.candidate = None
             return True
-        return state.odometer_m < free_m
-
-
-def mouth_m(junction: Junction, band: JunctionBand, odometer_m: float) -> float:
-    """Return the odometer reading at which the junction's mouth is or will be reached.
-
-    The mouth is `d_far` ahead where the score rises and `d_near` ahead where it falls. Both are
-    weighed by their variance: 15 % of the distance, and 15 % of what was travelled since. While
-    the score is high the mouth cannot be nearer than `d_near`, but a score that never falls delays
-    it by no more than a tenth of `d_far`.
-    """
-    rise_m = junction.rise_m + band.d_far_m
-    if junction.fall_m is None:
-        latest_m = rise_m + LONGEST_DELAY * band.d_far_m
-        return min(max(rise_m, odometer_m + band.d_near_m), latest_m)
-    if not _plausible_fall(junction, band):
-        return rise_m
-    scale = odometer_scale(junction, band)
-    fall_m = junction.fall_m + band.d_near_m * scale
-    if not junction.rise_seen:
-        return fall_m
-    travelled_m = junction.fall_m - junction.rise_m
-    rise_variance = (SPREAD * band.d_far_m) ** 2 + (SPREAD * travelled_m) ** 2
-    fall_variance = (SPREAD * band.d_near_m) ** 2
-    weight = rise_variance / (rise_variance + fall_variance)
-    return weight * fall_m + (1 - weight) * rise_m
-
-
-def odometer_scale(junction: Junction, band: JunctionBand) -> float:
-    """Return how many odometer metres the robot needs for a metre, as far as the junction tells.
-
-    Between rise and fall lie `d_far - d_near` metres. That is known no better than the robot's
-    speed (both to 20 %), so about half of a difference is taken for an error of the speed.
-    """
-    if junction.fall_m is None or not junction.rise_seen or not _plausible_fall(junction, band):
-        return 1.0
-    ratio = (junction.fall_m - junction.rise_m) / (band.d_far_m - band.d_near_m)
-    return min(max(1 + CORRECTION * (ratio - 1), 1 - LARGEST_SCALE), 1 + LARGEST_SCALE)
-
-
-def _plausible_fall(junction: Junction, band: JunctionBand) -> bool:
-    """Return whether the score stayed high for a distance that fits the camera."""
-    if junction.fall_m is None:
-        return False
-    if not junction.rise_seen:
-        return True
-    span_m = band.d_far_m - band.d_near_m
-    return junction.fall_m - junction.rise_m >= SHORTEST_SPAN * span_m
+        return state.odometer_m < self.free_m

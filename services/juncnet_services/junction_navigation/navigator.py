@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from juncnet.clocks import Instant, Offset
 from juncnet.messages import (
@@ -14,17 +13,18 @@ from juncnet.messages import (
     Phase,
     Reply,
     RoadCommand,
-    Stamp,
     VehicleState,
     Velocity,
 )
 from juncnet_services.junction_navigation import turning
 from juncnet_services.junction_navigation.config import NavigatorConfig
+from juncnet_services.junction_navigation.decision import Decision
 from juncnet_services.junction_navigation.detector import JunctionDetector
 from juncnet_services.junction_navigation.inputs import Inputs
 from juncnet_services.junction_navigation.odometry import Odometry
 from juncnet_services.junction_navigation.plan import JunctionPlan
 from juncnet_services.junction_navigation.progress import Progress, TurnProgress
+from juncnet_services.junction_navigation.sightings import Sightings
 from juncnet_services.junction_navigation.speed import (
     NO_MOTION,
     blended,
@@ -37,20 +37,6 @@ STANDING_MPS = 0.35
 AXIS_S = 0.4
 HOLD_YAW_RADPS = 0.5
 WIDTH_WEIGHT = 0.2
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What a step of the navigator came to."""
-
-    header: Stamp | None
-    """Of the newest frame that it rests on; None before the first."""
-    velocity: Velocity
-    state: NavigationState
-    events: tuple[JunctionEvent, ...] = ()
-    """To be published once `Navigator.progress` has been saved."""
-    refused: tuple[str, ...] = ()
-    """Inputs that were not obeyed, and why."""
 
 
 class Navigator:
@@ -76,6 +62,7 @@ class Navigator:
         self._inputs = Inputs(config, offsets)
         self._odometry = Odometry(config, self.progress, saved is not None)
         self._detector = JunctionDetector(config.detector, config.camera.band, self.progress)
+        self._sightings = Sightings(config.camera, self.progress)
         self._plan = JunctionPlan(config, self.progress)
         self._sight = turning.RoadSight(config.turn)
         self._elapsed_s = 0.0
@@ -138,13 +125,16 @@ class Navigator:
             lag_ns = round(self._detector.fall_lag_s * 1e9)
             self._detector.fallen(self._odometry.at(time_ns - lag_ns)[0])
         self._detector.watch(score.label)
+        self._sightings.weigh()
 
     def _take_road(self, now: Instant, road: RoadCommand) -> None:
         previous = self._inputs.road
         if not self._inputs.accept_road(road):
             return
         header = road.header
-        yaw = self._odometry.at(self._inputs.captured_ns(header, now))[1]
+        at_m, yaw = self._odometry.at(self._inputs.captured_ns(header, now))
+        if road.road is not None and self.progress.turn is None:
+            self._sightings.see(road.road, at_m)
         if self.progress.turn is not None:
             nominal = self.progress.turn.nominal_rad
             self._sight.look(road, yaw, nominal, self.config.sight_confidence)
@@ -191,6 +181,8 @@ class Navigator:
             if state.phase is Phase.FINISHED:
                 return self._finished()
         found = self._detector.next_junction()
+        if found is None and state.leave_m is None:
+            found = self._sightings.next_junction(self._detector.free_m)
         if found is not None:
             state.junction, state.phase = found, Phase.APPROACHING
             state.count += 1
@@ -229,9 +221,22 @@ class Navigator:
         if past_m >= self.config.blind_m:
             self._begin_turn()
             return self._turning()
-        if self._plan.mouth_ahead_m <= -0.5 * self._plan.reach_m and self._inputs.road_certain:
+        if self._sees_way_on():
+            state.axis_rad = state.yaw_rad
             return self._follow(self.config.approach_mps)
         return self._hold_heading(self.config.cruise_mps)
+
+    def _sees_way_on(self) -> bool:
+        """Return whether the follower's road is the way on, behind the middle of a junction.
+
+        It must have been sure once. The way straight on may bend: the heading held from then on,
+        while it is not seen, is the newest.
+        """
+        junction, inputs = self.progress.junction, self._inputs
+        if junction is None or self._plan.mouth_ahead_m > -0.5 * self._plan.reach_m:
+            return False
+        junction.way_seen = junction.way_seen or inputs.road_certain
+        return junction.way_seen and inputs.road_visible
 
     def _begin_turn(self) -> None:
         state = self.progress
@@ -242,6 +247,7 @@ class Navigator:
         )
         state.phase = Phase.TURNING
         self._sight.reset()
+        self._sightings.forget()
         self._event(EventKind.TURN_STARTED)
 
     def _turning(self) -> Velocity:
@@ -289,6 +295,7 @@ class Navigator:
         self._event(EventKind.LEFT)
         state.left_m, state.leave_m, state.junction = state.odometer_m, None, None
         state.phase = Phase.FOLLOWING
+        self._sightings.forget(self._detector.free_m)
         if turned:
             self._detector.forget()
         if state.mission.finish_after is not None and state.count >= state.mission.finish_after:

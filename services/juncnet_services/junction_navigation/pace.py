@@ -1,6 +1,6 @@
 """How often progress is saved and the state is told: on every change, and at a steady rate."""
 
-from juncnet_services.junction_navigation.navigator import Decision
+from juncnet_services.junction_navigation.decision import Decision
 
 SAVE_NS = 200_000_000
 STATE_NS = 200_000_000

@@ -5,11 +5,20 @@ import math
 from juncnet.messages import Capabilities, Turn
 from juncnet_services.junction_navigation import turning
 from juncnet_services.junction_navigation.config import NavigatorConfig
-from juncnet_services.junction_navigation.detector import mouth_m, odometer_scale
-from juncnet_services.junction_navigation.progress import Progress
+from juncnet_services.junction_navigation.place import (
+    MOUTH_BEFORE_M,
+    mouth_m,
+    odometer_scale,
+)
+from juncnet_services.junction_navigation.progress import Progress, Sighting
 from juncnet_services.junction_navigation.speed import braking_mps
 
 NARROWEST_M, WIDEST_M = 3.0, 12.0
+SHORTEST_OPENING_M, LONGEST_OPENING_M = 2.5, 15.0
+SURE_END = 4.0
+"""Weight (inverse variance, 1/m^2) from which on the end of the robot's road is believed."""
+BESIDE_M = 1.2
+"""An opening is seen this far beyond the edge of the robot's road."""
 
 
 class JunctionPlan:
@@ -65,7 +74,40 @@ class JunctionPlan:
         if self.straight:
             return math.inf
         tangent_m = turning.tangent_m(self.radius_m, turning.angle_rad(self.turn))
-        return self.mouth_ahead_m + self.reach_m - tangent_m
+        return self.centre_ahead_m - tangent_m
+
+    @property
+    def centre_ahead_m(self) -> float:
+        """Distance to where the centre lines of the robot's road and of the next one meet.
+
+        Where the robot's road ends at the crossing one, they meet half a width before its far edge.
+        """
+        centre_m = self._crossing_ahead_m()
+        junction = self._progress.junction
+        if junction is None or junction.end_m is None or junction.end_weight < SURE_END:
+            return centre_m
+        before_end_m = junction.end_m - self._width_m / 2 - self._progress.odometer_m
+        return min(centre_m, max(before_end_m, self.mouth_ahead_m + self._config.corner_m))
+
+    def _crossing_ahead_m(self) -> float:
+        """Return the distance to the middle of the crossing road, as the opening to turn into says.
+
+        A road that leaves at another angle than 90 degrees crosses the edge before or behind; where
+        openings were seen left and right, their mean is not shifted.
+        """
+        junction = self._progress.junction
+        side = "left" if turning.angle_rad(self.turn) > 0 else "right"
+        seen = [] if junction is None else junction.sightings
+        into = next((s for s in seen if s.side == side), None)
+        if into is None:
+            return self.mouth_ahead_m + self.reach_m
+        shift_m = 0.0
+        if self.turn.angle_deg is not None and len(seen) == 1:
+            beside_m = self._width_m / 2 + BESIDE_M
+            shift_m = beside_m / math.tan(abs(turning.angle_rad(self.turn)))
+        half_m = _half_length_m(into)
+        behind_mouth_m = self.reach_m if half_m is None else MOUTH_BEFORE_M + half_m
+        return self.mouth_ahead_m + behind_mouth_m - shift_m
 
     @property
     def past_m(self) -> float:
@@ -85,3 +127,11 @@ class JunctionPlan:
         if self.radius_m > 0:
             limit = max(limit, config.turn.speed_mps)
         return min(limit, slowing, config.cruise_mps)
+
+
+def _half_length_m(opening: Sighting) -> float | None:
+    """Return half the length of an opening; None: its end was not seen, or not believed."""
+    if opening.far_m is None:
+        return None
+    length_m = opening.far_m - opening.near_m
+    return length_m / 2 if SHORTEST_OPENING_M <= length_m <= LONGEST_OPENING_M else None

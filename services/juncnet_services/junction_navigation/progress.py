@@ -1,8 +1,35 @@
 """What the navigator knows of the flight so far: one record, which is also what is saved."""
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.messages import JunctionEvent, Mission, Name, Phase, Turn
+
+
+class Sighting(BaseModel):
+    """An opening in the road's edge, seen in several pictures. Distances are odometer readings."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    side: Literal["left", "right"]
+    near_m: float
+    """Where the edge ends."""
+    far_m: float | None = None
+    """Where it begins anew, once that was seen."""
+    weight: float = Field(gt=0)
+    """Of `near_m`: the sum of the pictures' inverse variances."""
+    frames: int = Field(default=1, ge=1)
+    """Pictures in which the near end was seen."""
+    missed: int = Field(default=0, ge=0)
+    """Pictures in which it was not, though it should have been."""
+    first_m: float
+    """Where the robot was when it was first seen; `last_m`: last."""
+    last_m: float
+    scored: int = Field(default=0, ge=0)
+    """Scores that came while the score of a junction there should be high."""
+    probability: float = Field(default=0.0, ge=0, le=1)
+    """Mean smoothed score of those."""
 
 
 class Junction(BaseModel):
@@ -19,6 +46,14 @@ class Junction(BaseModel):
     label: Name = "junction"
     probability: float = Field(default=0.0, ge=0, le=1)
     """Highest smoothed probability so far."""
+    sightings: list[Sighting] = Field(default_factory=list[Sighting])
+    """Its openings, at most one of either side."""
+    end_m: float | None = None
+    """Where the robot's road ends beyond it, as at a T, once that was seen."""
+    end_weight: float = Field(default=0.0, ge=0)
+    """Of `end_m`: the sum of the pictures' inverse variances."""
+    way_seen: bool = False
+    """Whether a follower was once sure of the road behind it, as the robot crosses it."""
 
 
 class TurnProgress(BaseModel):
@@ -66,6 +101,8 @@ class Progress(BaseModel):
     """A risen score that has not been counted."""
     junction: Junction | None = None
     """The junction that was counted last, until it is left."""
+    sightings: list[Sighting] = Field(default_factory=list[Sighting])
+    """Openings ahead that are no counted junction's."""
     axis_rad: float | None = None
     """Direction of the road that the robot is on."""
     turn: TurnProgress | None = None

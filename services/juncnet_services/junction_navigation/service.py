@@ -15,8 +15,9 @@ from juncnet.clocks import Instant
 from juncnet.launch import launch
 from juncnet.messages import Mission, Reply, SetMission, VelocityCommand
 from juncnet_services.junction_navigation.config import NavigatorConfig
+from juncnet_services.junction_navigation.decision import Decision
 from juncnet_services.junction_navigation.missions import load_mission
-from juncnet_services.junction_navigation.navigator import Decision, Navigator
+from juncnet_services.junction_navigation.navigator import Navigator
 from juncnet_services.junction_navigation.pace import Pace
 from juncnet_services.junction_navigation.store import Store
 

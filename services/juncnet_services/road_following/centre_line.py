@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 PRIOR_SIGMA = np.array([0.20, 0.06, 0.022, 0.006, 0.12])
 """How far offset [m], heading [rad], curvature [1/m], bend [1/m^2] and half-width [m] may change
 from one frame to the next, against the edges' noise."""
+KNOWN_WIDTH_SIGMA_M = 0.03
+"""The same for the half-width of a road that has been followed for a while: roads keep their width,
+and where one edge is lost at a junction, the other and the width say where the middle is."""
 LOOSE_SIGMA = np.array([4.0, 0.8, 0.05, 0.006, 3.0])
 """The same for a road seen for the first time."""
 EDGE_SIGMA_M = (0.5, 0.07)

@@ -4,6 +4,7 @@ import math
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.assets import asset_path
@@ -13,6 +14,7 @@ from juncnet.frames import Frame
 from juncnet.messages import RoadSeen, Stamp, VehicleState
 from juncnet.small_picture import shrink
 from juncnet_services.road_following.centre_line import (
+    KNOWN_WIDTH_SIGMA_M,
     PRIOR_SIGMA,
     CentreLine,
     find,
@@ -21,12 +23,20 @@ from juncnet_services.road_following.centre_line import (
 from juncnet_services.road_following.follower import Proposal
 from juncnet_services.road_following.ground_view import GroundView, RoadEdges
 from juncnet_services.road_following.masks import ColourMask, NetworkMask, RoadMask
+from juncnet_services.road_following.openings import openings, road_end_m
 from juncnet_services.road_following.steering import SteeringOptions, steer
 
 LOST_SUPPORT = 0.12
 """Below this support a picture does not show the road that is followed."""
 LOST_FRAMES = 12
 """After so many of them in a row the road is looked for anew."""
+KNOWN_FRAMES = 15
+"""After so many frames on a road its width is known."""
+OPENING_VIEW, OPENING_ROWS = 1.35, 48
+"""How far ahead openings of the road's edges are looked for, as a part of the view that the line is
+fitted to (farther ahead it is a guess), and how finely."""
+AHEAD = 0.3
+"""Half the width of what lies straight ahead, in half-widths of the road."""
 WRONG_M, WRONG_SHARE = 1.0, 0.6
 """Where most of the nearest edges lie this far from the line's own, the line is not the road's."""
 
@@ -64,9 +74,10 @@ class VisionFollower:
             else NetworkMask(asset_path(options.mask, "models", ".onnx"))
         )
         self._view: GroundView | None = None
+        self._far_view: GroundView | None = None
         self._aspect = 0.0
         self._line: CentreLine | None = None
-        self._poor_frames = 0
+        self._poor_frames = self._frames = 0
         self._speed_mps = self._yaw_rate_radps = 0.0
         self._header: Stamp | None = None
 
@@ -78,7 +89,7 @@ class VisionFollower:
     def reset(self, reason: str) -> None:
         """Forget the road: the next picture shows another one."""
         del reason
-        self._line, self._poor_frames = None, 0
+        self._line, self._poor_frames, self._frames = None, 0, 0
 
     def follow(self, frame: Frame, state: VehicleState | None) -> Proposal | None:
         """Return the velocity along the road in `frame`; None: it shows no road."""
@@ -91,6 +102,7 @@ class VisionFollower:
         poor = line.support < LOST_SUPPORT or _elsewhere(line, edges)
         self._poor_frames = self._poor_frames + 1 if poor else 0
         self._line = line if self._poor_frames < LOST_FRAMES else None
+        self._frames = self._frames + 1 if self._line is not None else 0
         if confidence < 0.05 and self._options.unseen == "hold":
             self._speed_mps = self._yaw_rate_radps = 0.0
             return None
@@ -102,7 +114,7 @@ class VisionFollower:
                 velocity.forward_mps,
                 velocity.yaw_rate_radps,
             )
-        return Proposal(velocity, confidence, _seen(line, view))
+        return Proposal(velocity, confidence, self._seen(line, view, above, probability))
 
     def _view_of(self, frame: Frame, shape: tuple[int, ...]) -> GroundView:
         """Return the ground view for pictures of this shape, kept from picture to picture."""
@@ -111,6 +123,8 @@ class VisionFollower:
             camera = self._options.camera.model_copy(update={"aspect": aspect})
             far_m = min(self._options.view_heights * camera.height_m, self._options.view_m)
             self._view = GroundView(camera, (shape[0], shape[1]), far_m)
+            farther_m = OPENING_VIEW * far_m
+            self._far_view = GroundView(camera, (shape[0], shape[1]), farther_m, rows=OPENING_ROWS)
             self._aspect = aspect
         return self._view
 
@@ -125,14 +139,42 @@ class VisionFollower:
         passed_s = min(max((header.time_ns - last.time_ns) / NS_PER_S, 0.0), 0.5)
         self._line = self._line.moved(self._speed_mps * passed_s, self._yaw_rate_radps * passed_s)
 
-    def _fitted(
-        self, view: GroundView, above: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
-    ) -> tuple[CentreLine, RoadEdges]:
+    def _fitted(self, view: GroundView, above: NDArray[np.float32]) -> tuple[CentreLine, RoadEdges]:
         """Return the line in this picture, and the edges beside it."""
         start = self._line or find(view, above, self._options.width_m)
         edges = view.edges(above, start.y(view.x_m), 0.75 * start.half_width_m)
-        line = fit(edges, start, PRIOR_SIGMA)
+        sigma = PRIOR_SIGMA.copy()
+        if self._frames > KNOWN_FRAMES:
+            sigma[4] = KNOWN_WIDTH_SIGMA_M
+        line = fit(edges, start, sigma)
         return line, view.edges(above, line.y(view.x_m), 0.75 * line.half_width_m)
+
+    def _seen(
+        self,
+        line: CentreLine,
+        view: GroundView,
+        above: NDArray[np.float32],
+        probability: NDArray[np.float32],
+    ) -> RoadSeen:
+        """Return the line as the message has it, with twelve points of its centre.
+
+        Other roads' mouths and the road's end are looked for once the road's width is known.
+        """
+        x = np.linspace(view.near_m, view.far_m, 12)
+        points = zip(x, np.clip(line.y(x), -100, 100), strict=True)
+        mouths, ends_m = (), None
+        if self._far_view is not None and self._frames > KNOWN_FRAMES:
+            mouths = openings(self._far_view, self._far_view.from_above(probability), line)
+            ends_m = road_end_m(view, above, AHEAD * line.half_width_m)
+        return RoadSeen(
+            offset_m=line.offset_m,
+            heading_rad=math.atan(line.heading),
+            width_m=2 * line.half_width_m,
+            curvature_1pm=line.curvature_1pm,
+            centre=tuple((float(px), float(py)) for px, py in points),
+            openings=mouths,
+            ends_m=ends_m,
+        )
 
     def _confidence(self, line: CentreLine, edges: RoadEdges) -> float:
         """Return 0..1: how much of the line is on the road, and how well its edges are seen."""
@@ -151,16 +193,3 @@ def _elsewhere(line: CentreLine, edges: RoadEdges) -> bool:
     left = (edges.left_m[near] - middle - half > WRONG_M) & ~edges.left_open[near]
     right = (middle - half - edges.right_m[near] > WRONG_M) & ~edges.right_open[near]
     return bool(left.mean() > WRONG_SHARE or right.mean() > WRONG_SHARE)
-
-
-def _seen(line: CentreLine, view: GroundView) -> RoadSeen:
-    """Return the line as the message has it, with twelve points of its centre."""
-    x = np.linspace(view.near_m, view.far_m, 12)
-    points = zip(x, np.clip(line.y(x), -100, 100), strict=True)
-    return RoadSeen(
-        offset_m=line.offset_m,
-        heading_rad=math.atan(line.heading),
-        width_m=2 * line.half_width_m,
-        curvature_1pm=line.curvature_1pm,
-        centre=tuple((float(px), float(py)) for px, py in points),
-    )

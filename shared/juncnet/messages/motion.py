@@ -2,7 +2,7 @@
 
 import json
 from enum import StrEnum
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -21,6 +21,16 @@ class Velocity(Message):
     """Counter-clockwise positive."""
 
 
+class RoadOpening(Message):
+    """Where the road's surface goes on beyond one of its edges: the mouth of another road."""
+
+    side: Literal["left", "right"]
+    near_m: float | None = Field(default=None, ge=0, le=200)
+    """Ahead of the robot, where the edge ends; None: nearer than it can be seen."""
+    far_m: float | None = Field(default=None, ge=0, le=200)
+    """Where it begins anew; None: not in sight."""
+
+
 class RoadSeen(Message):
     """The road ahead as a follower saw it, on the ground in the robot's frame."""
 
@@ -33,6 +43,10 @@ class RoadSeen(Message):
     """Left positive."""
     centre: tuple[tuple[Metres, Metres], ...] = Field(default=(), max_length=64)
     """Points (x forward, y left) of the centre line, near to far."""
+    openings: tuple[RoadOpening, ...] = Field(default=(), max_length=8)
+    """The nearest of either side, where the follower looks for them."""
+    ends_m: float | None = Field(default=None, ge=0, le=200)
+    """Straight ahead of the robot, where the road's surface ends; None: no end in sight."""
 
 
 class RoadCommand(Message):

@@ -1,0 +1,184 @@
+"""Openings in the road's edge that a follower sees: followed over pictures, told from noise."""
+
+from juncnet.camera import CameraGeometry
+from juncnet.messages import Phase, RoadOpening, RoadSeen
+from juncnet_services.junction_navigation.place import (
+    GATE,
+    agree,
+    mouth_m,
+    sighted_mouth_m,
+)
+from juncnet_services.junction_navigation.progress import Junction, Progress, Sighting
+
+SIGMA = (0.4, 0.1)
+"""Noise of a distance: constant, metres, and as a part of it."""
+HEAVIEST = 40.0
+"""Old pictures count for no more than this together: the odometer drifts."""
+SURE_HEIGHTS = 1.5
+"""A sure opening was seen while the robot went on by so many camera heights,"""
+SURE_FRAMES = 8
+"""in so many pictures, and in more than it was missed in,"""
+SURE_PROBABILITY = 0.35
+"""and with a mean score that does not deny it."""
+SAME_M = 5.0
+"""Openings left and right that are no farther apart are of one junction."""
+SCORED_BAND = 0.8
+"""Part of d_far from which on the score of a junction is surely high."""
+FORGET_M = 3.0
+
+
+class Sightings:
+    """Keeps the sightings of a `Progress` and of its junction up to date."""
+
+    def __init__(self, camera: CameraGeometry, progress: Progress) -> None:
+        self._band, self._progress = camera.band, progress
+        self._sure_m = SURE_HEIGHTS * camera.height_m
+
+    def see(self, road: RoadSeen, at_m: float) -> None:
+        """Take what a picture from the odometer reading `at_m` shows of other roads."""
+        state = self._progress
+        if state.phase is Phase.CROSSING and state.junction and road.ends_m is not None:
+            _end(state.junction, road.ends_m, at_m)
+        seen = {opening.side: opening for opening in road.openings}
+        for sighting in self._all():
+            opening = seen.get(sighting.side)
+            if opening is not None and _joined(sighting, opening, at_m):
+                del seen[sighting.side]
+            elif at_m + self._band.d_near_m < sighting.near_m and _closed(sighting, opening, at_m):
+                sighting.missed += 1
+        for opening in seen.values():
+            if opening.near_m is not None:
+                state.sightings.append(_begun(opening, opening.near_m, at_m))
+        state.sightings = [s for s in state.sightings if self._worth_keeping(s)]
+        if state.junction is not None and state.leave_m is None:
+            self._adopt(state.junction)
+
+    def weigh(self) -> None:
+        """Let the newest smoothed score speak for the sightings that it is about."""
+        far_m = SCORED_BAND * self._band.d_far_m
+        for sighting in self._all():
+            ahead_m = sighted_mouth_m(sighting) - self._progress.odometer_m
+            if self._band.d_near_m <= ahead_m <= far_m:
+                sighting.scored += 1
+                difference = self._progress.smoothed - sighting.probability
+                sighting.probability += difference / sighting.scored
+
+    def next_junction(self, free_m: float) -> Junction | None:
+        """Return a junction whose opening is sure, whose mouth lies behind `free_m`; else None."""
+        state = self._progress
+        if state.junction is not None:
+            return None
+        sure = [s for s in state.sightings if self._sure(s) and sighted_mouth_m(s) > free_m]
+        if not sure:
+            return None
+        first = min(sure, key=lambda s: s.near_m)
+        found, state.candidate = state.candidate, None
+        if found is None:
+            rise_m = sighted_mouth_m(first) - self._band.d_far_m
+            found = Junction(rise_m=rise_m, rise_seen=False, probability=first.probability)
+        found.sightings.append(first)
+        state.sightings.remove(first)
+        return found
+
+    def forget(self, behind_m: float | None = None) -> None:
+        """Drop the sightings up to an odometer reading; None: all, the road is another one."""
+        state = self._progress
+        state.sightings = [
+            s for s in state.sightings if behind_m is not None and sighted_mouth_m(s) > behind_m
+        ]
+
+    def _all(self) -> list[Sighting]:
+        junction = self._progress.junction
+        return [*(junction.sightings if junction else ()), *self._progress.sightings]
+
+    def _sure(self, sighting: Sighting) -> bool:
+        return (
+            sighting.last_m - sighting.first_m >= self._sure_m
+            and sighting.frames >= max(SURE_FRAMES, sighting.missed)
+            and sighting.scored >= SURE_FRAMES
+            and sighting.probability >= SURE_PROBABILITY
+        )
+
+    def _worth_keeping(self, sighting: Sighting) -> bool:
+        passed = sighting.near_m < self._progress.odometer_m - FORGET_M
+        return not passed and sighting.missed <= sighting.frames + SURE_FRAMES
+
+    def _adopt(self, junction: Junction) -> None:
+        """Give the counted junction the openings beside it; take from it those that are not."""
+        state = self._progress
+        at_m = state.odometer_m
+        own = [
+            s
+            for s in junction.sightings
+            if s.missed < s.frames and agree(junction, s, self._band, at_m)
+        ]
+        junction.sightings = own
+        expected_m = mouth_m(junction, self._band, at_m)
+        for sighting in sorted(state.sightings, key=lambda s: abs(sighted_mouth_m(s) - expected_m)):
+            near = not own or abs(sighted_mouth_m(sighting) - sighted_mouth_m(own[0])) <= SAME_M
+            seen = sighting.last_m - sighting.first_m >= self._sure_m / 2
+            fits = junction.rise_seen and agree(junction, sighting, self._band, at_m)
+            if near and seen and (own or fits) and all(s.side != sighting.side for s in own):
+                own.append(sighting)
+                state.sightings.remove(sighting)
+
+
+def _begun(opening: RoadOpening, near_m: float, at_m: float) -> Sighting:
+    return Sighting(
+        side=opening.side,
+        near_m=at_m + near_m,
+        far_m=None if opening.far_m is None else at_m + opening.far_m,
+        weight=1 / _sigma_m(near_m) ** 2,
+        first_m=at_m,
+        last_m=at_m,
+    )
+
+
+def _sigma_m(ahead_m: float) -> float:
+    return SIGMA[0] + SIGMA[1] * ahead_m
+
+
+def _joined(sighting: Sighting, opening: RoadOpening, at_m: float) -> bool:
+    """Return whether an opening is the one sighted, and let it speak for its place then."""
+    if opening.near_m is None:
+        # It begins beside the robot: this is the far end of one that was sighted before.
+        beside = sighting.near_m <= at_m + GATE * SIGMA[0] + _nearest_end_m(opening)
+        if beside and opening.far_m is not None:
+            sighting.far_m = at_m + opening.far_m
+        return beside
+    sigma_m = _sigma_m(opening.near_m)
+    difference_m = at_m + opening.near_m - sighting.near_m
+    if abs(difference_m) > GATE * sigma_m:
+        return False
+    weight = 1 / sigma_m**2
+    sighting.weight = min(sighting.weight + weight, HEAVIEST)
+    sighting.near_m += weight / sighting.weight * difference_m
+    sighting.frames += 1
+    sighting.last_m = at_m
+    if opening.far_m is not None:
+        sighting.far_m = at_m + opening.far_m
+    return True
+
+
+def _closed(sighting: Sighting, opening: RoadOpening | None, at_m: float) -> bool:
+    """Return whether a picture, whose nearest opening is `opening`, shows an edge at a sighting."""
+    if opening is None:
+        return True
+    return opening.near_m is not None and at_m + opening.near_m > sighting.near_m
+
+
+def _end(junction: Junction, ends_m: float, at_m: float) -> None:
+    """Let a picture say where the road ends beyond the junction.
+
+    Pictures that disagree begin anew: an end that moves along with the robot is none.
+    """
+    sigma_m = _sigma_m(ends_m)
+    if junction.end_m is None or abs(at_m + ends_m - junction.end_m) > GATE * sigma_m:
+        junction.end_m, junction.end_weight = at_m + ends_m, 0.0
+    weight = 1 / sigma_m**2
+    junction.end_weight = min(junction.end_weight + weight, HEAVIEST)
+    junction.end_m += weight / junction.end_weight * (at_m + ends_m - junction.end_m)
+
+
+def _nearest_end_m(opening: RoadOpening) -> float:
+    return 0.0 if opening.far_m is None else opening.far_m

@@ -1,0 +1,127 @@
+"""Openings seen in several pictures: one place, told from noise, and what it says of a junction."""
+
+import math
+
+import pytest
+
+from juncnet.camera import CameraGeometry
+from juncnet.messages import Capabilities, Mission, Phase, RoadOpening, RoadSeen, Turn
+from juncnet_services.junction_navigation.config import NavigatorConfig
+from juncnet_services.junction_navigation.place import MOUTH_BEFORE_M, mouth_m
+from juncnet_services.junction_navigation.plan import BESIDE_M, JunctionPlan
+from juncnet_services.junction_navigation.progress import Junction, Progress, Sighting
+from juncnet_services.junction_navigation.sightings import Sightings
+
+CAMERA = CameraGeometry()
+BAND = CAMERA.band
+STEP_M = 0.12
+
+
+def progress(*turns: Turn) -> Progress:
+    mission = Mission(turns=turns, finish_after=5)
+    return Progress(flight="f", configured=mission, mission=mission)
+
+
+def road(*openings: RoadOpening, ends_m: float | None = None) -> RoadSeen:
+    return RoadSeen(offset_m=0, heading_rad=0, width_m=6, openings=openings, ends_m=ends_m)
+
+
+def approach(
+    state: Progress,
+    opening_m: float,
+    travelled_m: float,
+    smoothed: float,
+    every: int = 1,
+    from_m: float = 0.0,
+) -> Sightings:
+    """Drive towards an opening left at `opening_m` that every `every`-th picture shows."""
+    sightings = Sightings(CAMERA, state)
+    state.smoothed = smoothed
+    for step in range(round(travelled_m / STEP_M)):
+        state.odometer_m = from_m + step * STEP_M
+        near_m = opening_m - state.odometer_m + 0.2 * math.sin(7.0 * step)
+        shown = (RoadOpening(side="left", near_m=near_m),) if step % every == 0 else ()
+        sightings.see(road(*shown), state.odometer_m)
+        sightings.weigh()
+    return sightings
+
+
+def test_an_opening_seen_for_long_with_some_score_is_a_junction_where_it_is() -> None:
+    state = progress()
+    found = approach(state, 15.0, 8.0, smoothed=0.6).next_junction(free_m=-math.inf)
+    assert found is not None
+    assert mouth_m(found, BAND, 6.0) == pytest.approx(15.0 - MOUTH_BEFORE_M, abs=0.15)
+    assert state.sightings == []
+
+
+@pytest.mark.parametrize(
+    ("travelled_m", "smoothed", "every"),
+    [(8.0, 0.3, 1), (1.5, 0.6, 1), (8.0, 0.6, 3)],
+    ids=["the score denies it", "seen too shortly", "missed more often than seen"],
+)
+def test_what_is_not_sure_is_no_junction(travelled_m: float, smoothed: float, every: int) -> None:
+    sightings = approach(progress(), 15.0, travelled_m, smoothed, every)
+    assert sightings.next_junction(free_m=-math.inf) is None
+
+
+def test_an_opening_before_another_junction_may_begin_is_none() -> None:
+    assert approach(progress(), 15.0, 8.0, smoothed=0.6).next_junction(free_m=14.0) is None
+
+
+def test_a_counted_junction_takes_over_the_opening_beside_its_mouth() -> None:
+    state = progress()
+    state.junction = Junction(rise_m=0.0)
+    approach(state, 17.5, 6.0, smoothed=0.9)
+    (own,) = state.junction.sightings
+    assert own.near_m == pytest.approx(17.5, abs=0.15)
+    scored_m = BAND.d_far_m
+    assert 17.5 - MOUTH_BEFORE_M < 16.0
+    assert scored_m < mouth_m(state.junction, BAND, 6.0) < 17.5 - MOUTH_BEFORE_M
+
+
+def test_an_opening_far_from_the_counted_junction_stays_another() -> None:
+    state = progress()
+    state.junction = Junction(rise_m=0.0)
+    approach(state, 32.0, 6.0, smoothed=0.9, from_m=14.0)
+    assert state.junction.sightings == []
+    assert len(state.sightings) == 1
+
+
+def sighting(near_m: float, far_m: float | None = None) -> Sighting:
+    return Sighting(
+        side="left", near_m=near_m, far_m=far_m, weight=10, frames=20, first_m=0, last_m=5
+    )
+
+
+def plan(state: Progress) -> JunctionPlan:
+    made = JunctionPlan(NavigatorConfig(), state)
+    made.capabilities = Capabilities(kind="copter", turns_in_place=True)
+    return made
+
+
+def test_a_turn_is_made_in_the_middle_of_its_opening() -> None:
+    state = progress(Turn(at=1, turn="left"))
+    state.count = 1
+    state.junction = Junction(rise_m=0.0, rise_seen=False, sightings=[sighting(12.0, 18.0)])
+    assert plan(state).start_ahead_m == pytest.approx(15.0)
+
+
+def test_a_skewed_road_is_met_before_it_crosses_the_edge() -> None:
+    state = progress(Turn(at=1, angle_deg=60))
+    state.count = 1
+    state.junction = Junction(rise_m=0.0, rise_seen=False, sightings=[sighting(12.0, 18.0)])
+    shift_m = (3.0 + BESIDE_M) / math.tan(math.radians(60))
+    assert plan(state).start_ahead_m == pytest.approx(15.0 - shift_m)
+
+
+def test_no_turn_begins_behind_the_end_of_the_road() -> None:
+    state = progress(Turn(at=1, turn="right"))
+    state.count, state.junction, state.phase = 1, Junction(rise_m=0.0), Phase.CROSSING
+    before_m = plan(state).start_ahead_m
+    sightings = Sightings(CAMERA, state)
+    for step in range(40):
+        state.odometer_m = step * STEP_M
+        sightings.see(road(ends_m=22.0 - state.odometer_m), state.odometer_m)
+    expected_m = 22.0 - 3.0 - state.odometer_m
+    assert plan(state).start_ahead_m == pytest.approx(expected_m, abs=0.01)
+    assert expected_m < before_m - state.odometer_m
