@@ -72,7 +72,8 @@ def test_a_flight_from_connection_to_landing(tmp_path: Path) -> None:
             assert drone.pongs > 0
             assert {buffer for buffer, _ in drone.acks} == {254}
         assert arsdk.LANDING in drone.payloads(Buffer.WITH_ACK)
-        setup = drone.payloads(Buffer.WITH_ACK)[:2]
+        # What is not acknowledged in time on a busy machine is sent again.
+        setup = list(dict.fromkeys(drone.payloads(Buffer.WITH_ACK)))[:2]
         assert setup == [arsdk.ALL_SETTINGS, arsdk.ALL_STATES]
         assert arsdk.VIDEO_ON in drone.payloads(Buffer.WITH_ACK)
         assert drone.request["arstream2_client_stream_port"] == 55004
