@@ -26,7 +26,6 @@ COMMANDS = {
     "replay": ("replay", "play a recording into the pipeline, or check what would change"),
     "report": ("report", "write the report of a recorded flight as one HTML file"),
     "new-follower": ("kits", "write a package with a road follower of your own"),
-    "new-vehicle": ("kits", "write a package with a vehicle of your own"),
     "check-follower": ("check_follower", "fly a road follower through worlds and score it"),
     "evaluate": ("evaluate", "judge a model on labelled pictures"),
     "compare": ("compare", "train kNN, SVM, AlexNet, VGG and JuncNet on the same pictures"),

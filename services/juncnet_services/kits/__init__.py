@@ -1,4 +1,4 @@
-"""Packages that users begin with: `juncnet new-follower`, `juncnet new-vehicle`.
+"""Packages that users begin with: `juncnet new-follower`.
 
 A kit is a folder of templates: `{name}` and `{class_name}` in its files are replaced, and `NAME` in
 their names.
@@ -10,11 +10,6 @@ from pathlib import Path
 HERE = Path(__file__).parent
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 SUFFIX = ".template"
-
-
-def kits() -> list[str]:
-    """Return the kits that there are."""
-    return sorted(path.name for path in HERE.iterdir() if (path / f"README.md{SUFFIX}").exists())
 
 
 def write_kit(kit: str, name: str, folder: Path) -> list[Path]:
