@@ -246,9 +246,9 @@ def test_requests_and_kept_topics_cross_the_link_once(
         commands.drain()
         for each in sent[1:]:
             navigation.publish(t.COMMAND_VELOCITY, each)
-            operator.wait(0.005)
+            operator.wait(0.02)  # a publisher never waits: too fast, and a busy link drops some
         sequences = [c.issued.sequence for c in iter(lambda: commands.take(0.5), None)]
-        assert len(sequences) > 5  # a busy link drops some: the newest counts
+        assert len(sequences) > 40
         assert len(set(sequences)) == len(sequences), "heard by the router as well"
         reply = operator.request(t.MISSION_SET, SetMission.model_validate(MISSION), 20)
         assert reply.accepted, reply.reason

@@ -182,6 +182,17 @@ def test_restamping_keeps_order_and_distances() -> None:
     assert moved.model_copy(update={"header": event().header}) == event()
 
 
+def test_no_picture_is_shown_between_a_loss_and_the_next_key_frame() -> None:
+    encoder, decoder = Encoder(24, 4), VideoDecoder()
+    packets = [encoder.encode(frame(n)) for n in range(1, 9)]
+    lossy = VideoPacket.of(
+        packets[2].payload, header=packets[2].header, key_frame=False, lost_before=1
+    )
+    shown = [f for p in [packets[0], lossy, *packets[3:]] for f in decoder.decode(p)]
+    assert [f.header.sequence for f in shown] == [1, 5, 6, 7, 8]
+    assert decoder.skipped == 2
+
+
 def test_a_new_size_begins_with_a_key_frame() -> None:
     encoder = Encoder(24, 25)
     first, second = encoder.encode(frame(1)), encoder.encode(frame(2))

@@ -132,7 +132,7 @@ def latency(data: FlightData, file: Path) -> bool:
         axes[1].plot(points[:, 0], points[:, 1], label=name, linewidth=1.2)
     axes[1].set_title("messages a second")
     axes[1].set_xlabel("time [s]")
-    axes[1].legend(fontsize=7, frameon=False)
+    axes[1].legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return _save(figure, file)
 
 
