@@ -9,10 +9,10 @@ from flights import StallWatch, flights_folder
 from juncnet.clocks import MAX_COMMAND_AGE_S, NS_PER_S
 from juncnet.messages import Output
 from juncnet.topics import VEHICLE_STATE
-from juncnet_services.cli.bench_split import clock_figures, obeyed_ages_ms, outage_figures
+from juncnet_services.cli.bench.split import clock_figures, obeyed_ages_ms, outage_figures
+from juncnet_services.cli.bench.split_flight import SplitFlight, log_tails
+from juncnet_services.cli.bench.two_hosts import LAPTOP, TwoHosts, why_not
 from juncnet_services.cli.demo import prepare
-from juncnet_services.cli.split_flight import SplitFlight, log_tails
-from juncnet_services.cli.two_hosts import LAPTOP, TwoHosts, why_not
 
 pytestmark = pytest.mark.full
 LINK_BITS_PER_S = 40_000_000

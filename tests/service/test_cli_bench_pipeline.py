@@ -8,8 +8,8 @@ from juncnet.assets import asset_path
 from juncnet.features import Preprocessing
 from juncnet.layout import load_layout
 from juncnet.topics import SERVICES
-from juncnet_services.cli.in_process import Pipeline, pictures
-from juncnet_services.cli.measured import Latencies, children_of, cpu_s
+from juncnet_services.cli.bench.in_process import Pipeline, pictures
+from juncnet_services.cli.bench.measured import Latencies, children_of, cpu_s
 from scenes import stamp, tiny_model
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from juncnet.learning.datasets import open_dataset
-from juncnet_services.cli import dataset_synthesise as command
+from juncnet_services.cli.dataset import synthesise as command
 
 pytest.importorskip("rich")
 

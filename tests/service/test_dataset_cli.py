@@ -31,9 +31,9 @@ from juncnet.simulation.towns import named_world
 from juncnet.simulation.truth import GroundTruth
 from juncnet.topics import CAMERA_VIDEO, ROOT
 from juncnet_services.cli import dataset
-from juncnet_services.cli.dataset_film import write_video as write_i420
-from juncnet_services.cli.dataset_frames import FrameStore
-from juncnet_services.cli.dataset_videos import Video, videos_in
+from juncnet_services.cli.dataset.film import write_video as write_i420
+from juncnet_services.cli.dataset.frames import FrameStore
+from juncnet_services.cli.dataset.videos import Video, videos_in
 from juncnet_services.recorder.video import Encoder
 from videos import add_h264, encode, mux, picture, write_video
 
@@ -152,8 +152,8 @@ def test_a_missing_package_names_its_extra(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
-    for name in ("dataset_extract", "dataset_videos"):
-        monkeypatch.delitem(sys.modules, f"juncnet_services.cli.{name}", raising=False)
+    for name in ("extract", "videos"):
+        monkeypatch.delitem(sys.modules, f"juncnet_services.cli.dataset.{name}", raising=False)
     assert dataset.main(["extract", "v", "--out", "o"]) == 2
     assert "juncnet[laptop]" in capsys.readouterr().err
 

@@ -12,9 +12,10 @@ import pytest
 
 from juncnet.learning.footage.intervals import FootageError, read_intervals
 from juncnet.learning.footage.labelling import MarkAction, SeenAction, UndoAction
-from juncnet_services.cli import dataset, dataset_label
-from juncnet_services.cli.dataset_journal import Journal
-from juncnet_services.cli.dataset_label_server import LabelServer
+from juncnet_services.cli import dataset
+from juncnet_services.cli.dataset import label as dataset_label
+from juncnet_services.cli.dataset.journal import Journal
+from juncnet_services.cli.dataset.label_server import LabelServer
 from videos import write_video
 
 

@@ -20,9 +20,9 @@ from juncnet.launch import open_gateway
 from juncnet.layout import Layout, load_layout
 from juncnet.messages import Capabilities, Health, Output, RemoteClock, VehicleState
 from juncnet.topics import VEHICLE_STATE, health_topic
-from juncnet_services.cli import doctor_flight, doctor_links, doctor_parts
-from juncnet_services.cli.doctor import main
-from juncnet_services.cli.findings import Finding, Level, lines, worst
+from juncnet_services.cli.doctor import links, parts, running
+from juncnet_services.cli.doctor.examine import main
+from juncnet_services.cli.doctor.findings import Finding, Level, lines, worst
 from keeping_vehicle import KeepingVehicle
 
 NOW = datetime.now(UTC)
@@ -50,77 +50,77 @@ def only(findings: Iterator[Finding]) -> Finding:
 
 
 def test_certificates_in_order(folder: Path) -> None:
-    found = only(doctor_links.certificates(drone(folder), NOW))
+    found = only(links.certificates(drone(folder), NOW))
     assert found.level is Level.OK
     assert re.search(r"36[45] days", found.text)
     assert "localhost" in found.text
 
 
 def test_certificates_that_end_soon_are_to_be_renewed(folder: Path) -> None:
-    found = only(doctor_links.certificates(drone(folder), NOW + timedelta(days=340)))
+    found = only(links.certificates(drone(folder), NOW + timedelta(days=340)))
     assert found.level is Level.WARNING
     assert "--renew drone" in found.remedy
 
 
 def test_certificates_of_another_role_and_none_at_all(folder: Path) -> None:
     wrong = layout("laptop", f"links.certificates={folder / Role.VIEWER}")
-    assert "needs navigation" in only(doctor_links.certificates(wrong, NOW)).text
+    assert "needs navigation" in only(links.certificates(wrong, NOW)).text
     missing = layout("laptop", "links.certificates=/nowhere")
-    found = only(doctor_links.certificates(missing, NOW))
+    found = only(links.certificates(missing, NOW))
     assert found.level is Level.FAILURE
     assert "deploy/certificates" in found.remedy
-    assert "any local user" in only(doctor_links.certificates(layout("local"), NOW)).text
+    assert "any local user" in only(links.certificates(layout("local"), NOW)).text
     free = "links.allow_anyone_on_the_network_to_fly_this_robot=true"
-    found = only(doctor_links.certificates(layout("local", free), NOW))
+    found = only(links.certificates(layout("local", free), NOW))
     assert found.level is Level.WARNING
     assert "ANYONE ON THE NETWORK" in found.text
 
 
 def test_a_clock_that_forgot_the_date() -> None:
-    assert doctor_links.wall_clock(datetime(1970, 1, 1, tzinfo=UTC)).level is Level.FAILURE
-    assert doctor_links.wall_clock(NOW).level is Level.OK
+    assert links.wall_clock(datetime(1970, 1, 1, tzinfo=UTC)).level is Level.FAILURE
+    assert links.wall_clock(NOW).level is Level.OK
 
 
 def test_a_directory_that_others_can_enter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    assert doctor_links.sockets().level is Level.OK
+    assert links.sockets().level is Level.OK
     (tmp_path / "juncnet").chmod(0o755)
-    assert "chmod 700" in doctor_links.sockets().remedy
+    assert "chmod 700" in links.sockets().remedy
 
 
 def test_a_port_that_is_taken(folder: Path) -> None:
     address = side.free_address()
     host, _, port = address.partition(":")
     at = (f"router.host={host}", f"router.port={port}", f"router.video_port={port}")
-    assert only(doctor_links.router(drone(folder, *at), False)).level is Level.OK
+    assert only(links.router(drone(folder, *at), False)).level is Level.OK
     with peers.a_flight() as flight, open_gateway(flight, f"tcp/{address}"):
-        assert "taken" in only(doctor_links.router(drone(folder, *at), False)).text
-        assert only(doctor_links.router(drone(folder, *at), True)).level is Level.OK
-    assert list(doctor_links.router(layout("laptop"), False)) == []
+        assert "taken" in only(links.router(drone(folder, *at), False)).text
+        assert only(links.router(drone(folder, *at), True)).level is Level.OK
+    assert list(links.router(layout("laptop"), False)) == []
 
 
 def test_a_vehicle_that_answers_and_ones_that_do_not(folder: Path, tmp_path: Path) -> None:
     address = side.free_address()
     viewer = read_identity(folder / Role.VIEWER)
-    found = doctor_links.dial(address, viewer)
+    found = links.dial(address, viewer)
     assert found.level is Level.FAILURE
     assert "WiFi" in found.remedy
     with (
         peers.a_flight() as flight,
         open_gateway(flight, f"tls/{address}", read_identity(folder / Role.DRONE)),
     ):
-        assert doctor_links.dial(address, viewer).level is Level.OK
+        assert links.dial(address, viewer).level is Level.OK
         other_name = address.replace("127.0.0.1", "127.0.0.2")
-        refused = doctor_links.dial(other_name, viewer)
+        refused = links.dial(other_name, viewer)
         assert refused.level is Level.FAILURE
         theirs = side.certificates(tmp_path / "theirs")
-        foreign = doctor_links.dial(address, read_identity(theirs / Role.VIEWER))
+        foreign = links.dial(address, read_identity(theirs / Role.VIEWER))
         assert "deploy/certificates" in foreign.remedy
         stranger = side.foreign_identity(folder, theirs, tmp_path / "stranger")
-        assert doctor_links.dial(address, stranger).level is Level.FAILURE
+        assert links.dial(address, stranger).level is Level.FAILURE
     with peers.a_flight() as flight, open_gateway(flight, f"tcp/{address}"):
-        assert doctor_links.dial(address, None).level is Level.OK
-        assert doctor_links.dial(address, viewer).level is Level.FAILURE
+        assert links.dial(address, None).level is Level.OK
+        assert links.dial(address, viewer).level is Level.FAILURE
 
 
 def test_a_vehicle_under_a_name_that_its_certificate_lacks(folder: Path) -> None:
@@ -129,60 +129,60 @@ def test_a_vehicle_under_a_name_that_its_certificate_lacks(folder: Path) -> None
         peers.a_flight() as flight,
         open_gateway(flight, f"tls/{address}", read_identity(folder / Role.DRONE)),
     ):
-        found = doctor_links.dial(address, read_identity(folder / Role.VIEWER))
+        found = links.dial(address, read_identity(folder / Role.VIEWER))
     assert found.level is Level.FAILURE
     assert "--host 127.0.0.2" in found.remedy
 
 
 def test_models(tmp_path: Path) -> None:
-    assert only(doctor_parts.model(layout("local"))).level is Level.OK
+    assert only(parts.model(layout("local"))).level is Level.OK
     (tmp_path / "bad.onnx").write_bytes(b"not a model")
     for name in ("nothing", str(tmp_path / "bad.onnx")):
-        found = only(doctor_parts.model(layout("local", f"junction_inference.model={name}")))
+        found = only(parts.model(layout("local", f"junction_inference.model={name}")))
         assert found.level is Level.FAILURE
         assert ".onnx" in found.remedy
-    assert list(doctor_parts.model(layout("drone"))) == []
+    assert list(parts.model(layout("drone"))) == []
 
 
 def test_cameras(tmp_path: Path) -> None:
     path = tmp_path / "drive.mp4"
     named = layout("video", f"frame_capture.source.path={path}")
-    assert only(doctor_parts.camera(named)).level is Level.FAILURE
+    assert only(parts.camera(named)).level is Level.FAILURE
     path.touch()
-    assert only(doctor_parts.camera(named)).level is Level.OK
-    assert "rtp 5600" in only(doctor_parts.camera(layout("drone"))).text
+    assert only(parts.camera(named)).level is Level.OK
+    assert "rtp 5600" in only(parts.camera(layout("drone"))).text
 
 
 def test_vehicles(tmp_path: Path) -> None:
     def look(*settings: str, ask: bool = False) -> Finding:
-        return only(doctor_parts.vehicle(layout("video", *settings), ask, tmp_path))
+        return only(parts.vehicle(layout("video", *settings), ask, tmp_path))
 
     assert look().level is Level.OK
     assert look(ask=True).level is Level.OK
-    assert list(doctor_parts.vehicle(layout("laptop"), True, tmp_path)) == []
+    assert list(parts.vehicle(layout("laptop"), True, tmp_path)) == []
 
 
 def test_a_vehicle_in_trouble(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor_parts, "ANSWER_S", 0.2)
+    monkeypatch.setattr(parts, "ANSWER_S", 0.2)
     settings = KeepingVehicle.Options.model_validate({})
     vehicle = KeepingVehicle(settings, Path())  # pyright: ignore[reportArgumentType]
     vehicle.trouble = "COM_OF_LOSS_T is 60: set it to 0.5"
-    found = only(doctor_parts.answers("px4", vehicle))
+    found = only(parts.answers("px4", vehicle))
     assert found.level is Level.FAILURE
     assert "COM_OF_LOSS_T" in found.text
-    assert doctor_parts.battery(0.2).level is Level.WARNING
+    assert parts.battery(0.2).level is Level.WARNING
 
 
 def test_disks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     here = layout("local", f"launch.state_dir={tmp_path / 'not' / 'yet'}")
-    monkeypatch.setattr(doctor_parts, "LITTLE_BYTES", 1)
-    monkeypatch.setattr(doctor_parts, "ENOUGH_BYTES", 2)
-    assert worst(doctor_parts.disk(here)) is Level.OK
-    monkeypatch.setattr(doctor_parts, "ENOUGH_BYTES", 1 << 70)
-    assert worst(doctor_parts.disk(here)) is Level.WARNING
-    monkeypatch.setattr(doctor_parts, "LITTLE_BYTES", 1 << 70)
-    assert worst(doctor_parts.disk(here)) is Level.FAILURE
+    monkeypatch.setattr(parts, "LITTLE_BYTES", 1)
+    monkeypatch.setattr(parts, "ENOUGH_BYTES", 2)
+    assert worst(parts.disk(here)) is Level.OK
+    monkeypatch.setattr(parts, "ENOUGH_BYTES", 1 << 70)
+    assert worst(parts.disk(here)) is Level.WARNING
+    monkeypatch.setattr(parts, "LITTLE_BYTES", 1 << 70)
+    assert worst(parts.disk(here)) is Level.FAILURE
 
 
 def health(bus: FakeBus, service: str, **fields: object) -> Health:
@@ -196,12 +196,12 @@ def test_a_flight_is_heard() -> None:
     report = health(stamps, "frame_capture", clocks=clocks, linked=True)
     state = VehicleState(at=stamps.stamp(), capabilities=Capabilities(), output=Output.HOLD)
     script = [(health_topic("frame_capture"), report), 0.5, (VEHICLE_STATE, state), 3.0]
-    healths, heard = doctor_flight.listen(FakeBus(script), FLIGHT)
+    healths, heard = running.listen(FakeBus(script), FLIGHT)
     assert healths == {"frame_capture": report}
     assert heard == state
-    silent = only(doctor_flight.processes(FLIGHT, healths))
+    silent = only(running.processes(FLIGHT, healths))
     assert "command_output did not report" in silent.text
-    clock = only(doctor_flight.clocks(healths))
+    clock = only(running.clocks(healths))
     assert clock.level is Level.OK
     assert "+5.0 ms ahead, +- 1.0 ms" in clock.text
 
@@ -216,15 +216,15 @@ def test_what_a_flight_complains_of() -> None:
         ),
         "command_output": health(bus, "command_output", clocks={"b": unknown}),
     }
-    assert worst(doctor_flight.processes(FLIGHT, healths)) is Level.FAILURE
-    levels = [finding.level for finding in doctor_flight.clocks(healths)]
+    assert worst(running.processes(FLIGHT, healths)) is Level.FAILURE
+    levels = [finding.level for finding in running.clocks(healths)]
     assert levels == [Level.WARNING, Level.FAILURE]
-    assert "no device" in only(doctor_flight.camera(healths)).text
-    assert only(doctor_flight.vehicle(None)).level is Level.FAILURE
+    assert "no device" in only(running.camera(healths)).text
+    assert only(running.vehicle(None)).level is Level.FAILURE
     stopped = VehicleState(
         at=bus.stamp(), capabilities=Capabilities(), output=Output.STOPPED, battery=0.9
     )
-    found = list(doctor_flight.vehicle(stopped))
+    found = list(running.vehicle(stopped))
     assert [finding.level for finding in found] == [Level.WARNING, Level.OK]
     assert "juncnet resume" in found[0].remedy
 

@@ -18,7 +18,7 @@ COMMANDS = {
     "emergency": ("operator", "cut the motors (asks twice)"),
     "service": ("systemd", "install a layout as systemd units, or remove them"),
     "begin": ("begin", "make the directory of a new flight, for systemd's units"),
-    "doctor": ("doctor", "look at a layout before flight: what is wrong, and what helps"),
+    "doctor": ("doctor.examine", "look at a layout before flight: what is wrong, and what helps"),
     "certificates": ("certificates", "make a CA and one certificate a role, for links to others"),
     "train": ("train", "train a model on labelled pictures, from nothing or from a model"),
     "dataset": ("dataset", "pictures to learn from: extract, label, check, synthesise, film"),

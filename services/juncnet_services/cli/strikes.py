@@ -17,8 +17,8 @@ from juncnet.flight import Flight
 from juncnet.launch import connect
 from juncnet.messages import NavigationState, Output, OverrideKind, Phase
 from juncnet.topics import COMMAND_VELOCITY, NAVIGATION_STATE, SERVICES, VEHICLE_STATE
+from juncnet_services.cli.bench.measured import children_of
 from juncnet_services.cli.link_tap import LinkTap, Told
-from juncnet_services.cli.measured import children_of
 from juncnet_services.cli.operator import order
 from juncnet_services.cli.supervise import Supervisor
 

@@ -16,10 +16,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from juncnet.learning.footage.intervals import NAME, FootageError
-from juncnet_services.cli.dataset_clips import site_of
-from juncnet_services.cli.dataset_label_server import LabelServer
-from juncnet_services.cli.dataset_labelling import Labelling
-from juncnet_services.cli.dataset_videos import Video, clip_names, videos_in
+from juncnet_services.cli.dataset.clips import site_of
+from juncnet_services.cli.dataset.label_server import LabelServer
+from juncnet_services.cli.dataset.labelling import Labelling
+from juncnet_services.cli.dataset.videos import Video, clip_names, videos_in
 
 MOST_CLASSES = 9
 

@@ -11,9 +11,9 @@ from urllib.parse import parse_qs, urlsplit
 from pydantic import TypeAdapter, ValidationError
 
 from juncnet.learning.footage.labelling import Action
-from juncnet_services.cli.dataset_labelling import Labelling
+from juncnet_services.cli.dataset.labelling import Labelling
 
-PAGE = Path(__file__).with_name("dataset_label.html")
+PAGE = Path(__file__).with_name("label.html")
 SCRIPT = PAGE.with_suffix(".js")
 LARGEST_REQUEST = 65536
 _ACTION: TypeAdapter[Action] = TypeAdapter(Action)

@@ -14,5 +14,5 @@ def main(argv: list[str]) -> int:
         return 0 if argv and argv[0] in ("-h", "--help") else 2
     # Read when numpy is first imported: the services run with one thread in the matrix library.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    module = importlib.import_module(f"juncnet_services.cli.bench_{argv[0]}")
+    module = importlib.import_module(f"juncnet_services.cli.bench.{argv[0]}")
     return int(module.main(argv[1:]))

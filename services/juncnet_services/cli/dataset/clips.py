@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from juncnet.learning.footage.intervals import FootageError, Interval, read_intervals
-from juncnet_services.cli.dataset_videos import clip_names, videos_in
+from juncnet_services.cli.dataset.videos import clip_names, videos_in
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from juncnet.radon import evenly_spaced_angles
 from juncnet.radon_cache import load_reconstruction
 from juncnet.radon_geometry import Geometry
 from juncnet.radon_operator import Reconstruction
-from juncnet_services.cli.figures import Figure, median, p99, show
+from juncnet_services.cli.bench.figures import Figure, median, p99, show
 
 F32 = NDArray[np.float32]
 SIZE, ANGLES, BATCH = 64, 180, 30

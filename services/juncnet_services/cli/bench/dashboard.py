@@ -26,10 +26,10 @@ from juncnet.layout import SAVED, LayoutError
 from juncnet.simulation.routes import plan_mission
 from juncnet.simulation.towns import random_world
 from juncnet.topics import COMMAND_VELOCITY
-from juncnet_services.cli.bench_pipeline import await_commands
+from juncnet_services.cli.bench.figures import Figure, median, p99, show
+from juncnet_services.cli.bench.measured import Listener, cpu_s, flight_cpu_s
+from juncnet_services.cli.bench.pipeline import await_commands
 from juncnet_services.cli.demo import START_S, Demo, Setup, prepare
-from juncnet_services.cli.figures import Figure, median, p99, show
-from juncnet_services.cli.measured import Listener, cpu_s, flight_cpu_s
 from juncnet_services.dashboard.access import HOST, Address, address_in
 
 JUNCTIONS = 12

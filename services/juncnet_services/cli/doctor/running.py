@@ -7,8 +7,8 @@ from juncnet.clocks import MAX_COMMAND_AGE_S, NS_PER_S
 from juncnet.flight import Flight
 from juncnet.messages import Health, Output, VehicleState
 from juncnet.topics import VEHICLE_STATE, health_topic
-from juncnet_services.cli.doctor_parts import battery
-from juncnet_services.cli.findings import Finding, failure, ok, warning
+from juncnet_services.cli.doctor.findings import Finding, failure, ok, warning
+from juncnet_services.cli.doctor.parts import battery
 
 LISTEN_S = 3.5
 """Health comes once a second; clocks are known within a second of being wanted."""

@@ -29,7 +29,7 @@ from juncnet.frames_iceoryx2 import available
 from juncnet.messages import PixelFormat, Velocity, VelocityCommand
 from juncnet.topics import CAMERA_FRAME, COMMAND_VELOCITY
 from juncnet.zenoh_bus import ZenohBus
-from juncnet_services.cli.figures import Figure, median, p99, show
+from juncnet_services.cli.bench.figures import Figure, median, p99, show
 
 Transport = Literal["iceoryx2", "zenoh", "shared memory + pipe", "pipe", "plain zenoh over TCP"]
 TARGET_RATIO = 1.4

@@ -1,7 +1,7 @@
 """`juncnet bench split`: a simulated mission flown from another host, over a link like WiFi.
 
 Needs root, for it makes two hosts with clocks of their own and an access point between them
-(`juncnet_services.cli.two_hosts`). The first flight is left alone; in the second, video of another
+(`bench/two_hosts.py`). The first flight is left alone; in the second, video of another
 robot overloads the link, and then nothing passes for a while.
 """
 
@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from juncnet.clocks import MAX_COMMAND_AGE_S, NS_PER_S
+from juncnet_services.cli.bench.split_flight import Heard, SplitFlight, log_tails
+from juncnet_services.cli.bench.two_hosts import CLOCK_AHEAD_S, TwoHosts, why_not
 from juncnet_services.cli.demo import prepare
 from juncnet_services.cli.link_tap import Told
 from juncnet_services.cli.provenance import provenance
-from juncnet_services.cli.split_flight import Heard, SplitFlight, log_tails
-from juncnet_services.cli.two_hosts import CLOCK_AHEAD_S, TwoHosts, why_not
 
 OVERLOAD = 1.5
 """Video that is sent too much, as a multiple of the link's rate."""

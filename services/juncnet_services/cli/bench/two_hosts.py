@@ -125,7 +125,7 @@ class TwoHosts:
         self._in(AP, "ip", "route", "add", "default", "dev", "slow", "table", DELAY_TABLE)
         for device in ("to-drone", "to-laptop"):
             self._in(AP, "ip", "rule", "add", "iif", device, "lookup", DELAY_TABLE)
-        module = (sys.executable, "-m", "juncnet_services.cli.delay_line")
+        module = (sys.executable, "-m", "juncnet_services.cli.bench.delay_line")
         line = self.start(AP, [*module, "slow", str(seconds)], {})
         try:
             yield

@@ -24,9 +24,9 @@ from juncnet.frames import FrameLayout
 from juncnet.launch import connect
 from juncnet.messages import PixelFormat, Velocity, VelocityCommand
 from juncnet.topics import CAMERA_VIDEO, COMMAND_VELOCITY
-from juncnet_services.cli.measured import cpu_s
+from juncnet_services.cli.bench.measured import cpu_s
+from juncnet_services.cli.bench.split_flight import JUNCNET
 from juncnet_services.cli.provenance import provenance
-from juncnet_services.cli.split_flight import JUNCNET
 from juncnet_services.cli.supervise import Supervisor
 from juncnet_services.frame_capture.h264_rtp import packetise
 from juncnet_services.simulator.video import Encoder, VideoOptions

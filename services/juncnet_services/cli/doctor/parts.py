@@ -13,8 +13,8 @@ from juncnet.assets import asset_path
 from juncnet.flight import flights_root
 from juncnet.layout import Layout, LayoutError, service_config
 from juncnet.modelfile import ModelFileError
-from juncnet_services.cli.doctor_links import existing
-from juncnet_services.cli.findings import Finding, failure, ok, warning
+from juncnet_services.cli.doctor.findings import Finding, failure, ok, warning
+from juncnet_services.cli.doctor.links import existing
 from juncnet_services.command_output.vehicles import Vehicle, open_vehicle
 
 ENOUGH_BYTES, LITTLE_BYTES = 1_000_000_000, 100_000_000

@@ -22,12 +22,12 @@ from juncnet.topics import (
     VEHICLE_STATE,
     health_topic,
 )
+from juncnet_services.cli.bench.measured import cpu_s
+from juncnet_services.cli.bench.two_hosts import ADDRESS, CLOCK_AHEAD_S, DRONE, LAPTOP, TwoHosts
 from juncnet_services.cli.demo import Setup, mission_toml
 from juncnet_services.cli.judge import Judge
 from juncnet_services.cli.link_tap import LinkTap
-from juncnet_services.cli.measured import cpu_s
 from juncnet_services.cli.supervise import Supervisor
-from juncnet_services.cli.two_hosts import ADDRESS, CLOCK_AHEAD_S, DRONE, LAPTOP, TwoHosts
 
 PORT, VIDEO_PORT = 7447, 7448
 START_S = 120.0
@@ -172,7 +172,7 @@ class SplitFlight:
     def overload(self, bits_per_s: int) -> Generator[None]:
         """Send more video than the link carries, from the drone to the laptop, meanwhile."""
         log = (self._folder / "overload.log").open("wb")
-        module = (sys.executable, "-m", "juncnet_services.cli.video_flood")
+        module = (sys.executable, "-m", "juncnet_services.cli.bench.video_flood")
         environment = self._environment(DRONE)
         ends = [
             self._hosts.start(

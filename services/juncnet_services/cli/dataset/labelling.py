@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from juncnet.learning.footage.labelling import Action, MarkAction, OpenAction
-from juncnet_services.cli.dataset_frames import FrameStore
-from juncnet_services.cli.dataset_journal import Journal
-from juncnet_services.cli.dataset_videos import Video
+from juncnet_services.cli.dataset.frames import FrameStore
+from juncnet_services.cli.dataset.journal import Journal
+from juncnet_services.cli.dataset.videos import Video
 
 FRAME_WIDTH = 960
 OPEN_CLIPS = 3

@@ -24,8 +24,8 @@ from juncnet.learning.footage.leaks import Leak, group_leaks, near_duplicate_lea
 from juncnet.learning.footage.likeness import F32, NEAR_DUPLICATE, SIDE, descriptor
 from juncnet.learning.footage.sheets import contact_sheet, evenly
 from juncnet.learning.footage.writer import SEEN_SITES, SPLIT_BY, SplitBy
-from juncnet_services.cli.dataset_contents import Contents
-from juncnet_services.cli.dataset_counts import UNDECIDED, counts_table, site_table
+from juncnet_services.cli.dataset.contents import Contents
+from juncnet_services.cli.dataset.counts import UNDECIDED, counts_table, site_table
 
 SHEET_CELLS = 60
 SHOWN = 12

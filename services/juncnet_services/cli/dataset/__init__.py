@@ -4,11 +4,11 @@ import importlib
 import sys
 
 COMMANDS = {
-    "extract": ("dataset_extract", "frames from videos, labelled by folders or by intervals"),
-    "label": ("dataset_label", "say what videos show: a page with one key a class"),
-    "check": ("dataset_check", "counts, contact sheets, unreadable files, leaks between splits"),
-    "synthesise": ("dataset_synthesise", "labelled pictures from simulated worlds"),
-    "film": ("dataset_film", "videos of simulated drives with their intervals, to try this out"),
+    "extract": ("extract", "frames from videos, labelled by folders or by intervals"),
+    "label": ("label", "say what videos show: a page with one key a class"),
+    "check": ("check", "counts, contact sheets, unreadable files, leaks between splits"),
+    "synthesise": ("synthesise", "labelled pictures from simulated worlds"),
+    "film": ("film", "videos of simulated drives with their intervals, to try this out"),
 }
 
 OUTSIDE = ("av", "cv2")
@@ -30,7 +30,7 @@ def main(argv: list[str]) -> int:
         print(f"juncnet dataset: there is no command {argv[0]!r}\n\n{_usage()}", file=sys.stderr)
         return 2
     try:
-        module = importlib.import_module(f"juncnet_services.cli.{COMMANDS[argv[0]][0]}")
+        module = importlib.import_module(f"juncnet_services.cli.dataset.{COMMANDS[argv[0]][0]}")
     except ModuleNotFoundError as error:
         if error.name not in OUTSIDE:
             raise

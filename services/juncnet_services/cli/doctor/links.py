@@ -16,7 +16,7 @@ from juncnet.flight import flights_root
 from juncnet.identity import CA, CERTIFICATE, KEY, Identity, IdentityError, read_identity
 from juncnet.layout import Layout
 from juncnet.links import ROUTER, is_loopback
-from juncnet_services.cli.findings import Finding, failure, ok, warning
+from juncnet_services.cli.doctor.findings import Finding, failure, ok, warning
 
 SOON = timedelta(days=30)
 PLAUSIBLE = datetime(2026, 1, 1, tzinfo=UTC)

@@ -16,8 +16,8 @@ from juncnet.assets import asset_path
 from juncnet.flight import Flight, read_flight
 from juncnet.launch import connect
 from juncnet.layout import Layout, LayoutError, load_layout
-from juncnet_services.cli import doctor_flight, doctor_links, doctor_parts
-from juncnet_services.cli.findings import Finding, Level, failure, lines, ok, worst
+from juncnet_services.cli.doctor import links, parts, running
+from juncnet_services.cli.doctor.findings import Finding, Level, failure, lines, ok, worst
 from juncnet_services.cli.local_flights import running_flights
 
 
@@ -25,22 +25,22 @@ def examine(layout: Layout, flight: Flight | None, ask: bool) -> Iterator[Findin
     """Yield what is found; `flight`: the layout as it runs now; `ask`: the vehicle, too."""
     now = datetime.now(UTC)
     yield _layout(layout)
-    yield doctor_links.wall_clock(now)
-    yield from doctor_links.certificates(layout, now)
-    yield doctor_links.sockets()
-    yield from doctor_links.router(layout, flight is not None)
-    yield from doctor_links.vehicle_link(layout)
-    yield from doctor_parts.model(layout)
-    yield from doctor_parts.disk(layout)
+    yield links.wall_clock(now)
+    yield from links.certificates(layout, now)
+    yield links.sockets()
+    yield from links.router(layout, flight is not None)
+    yield from links.vehicle_link(layout)
+    yield from parts.model(layout)
+    yield from parts.disk(layout)
     if flight is None:
-        yield from doctor_parts.camera(layout)
+        yield from parts.camera(layout)
         with tempfile.TemporaryDirectory() as folder:
-            yield from doctor_parts.vehicle(layout, ask, Path(folder))
+            yield from parts.vehicle(layout, ask, Path(folder))
         return
     yield from _flight(flight)
 
 
-def running(layout: Layout) -> Flight | None:
+def running_now(layout: Layout) -> Flight | None:
     """Return the newest flight that runs all processes of the layout; None when none does."""
     wanted = set(layout.processes)
     flights = [f for f in running_flights(layout.launch.robot) if wanted <= set(f.processes)]
@@ -58,15 +58,15 @@ def _layout(layout: Layout) -> Finding:
 def _flight(flight: Flight) -> Iterator[Finding]:
     try:
         with connect(flight.directory) as bus:
-            healths, state = doctor_flight.listen(bus, flight)
+            healths, state = running.listen(bus, flight)
     except ConnectionError as error:
         yield failure("processes", str(error), "juncnet status")
         return
-    yield from doctor_flight.processes(flight, healths)
-    yield from doctor_flight.clocks(healths)
-    yield from doctor_flight.camera(healths)
+    yield from running.processes(flight, healths)
+    yield from running.clocks(healths)
+    yield from running.camera(healths)
     if "command_output" in flight.processes:
-        yield from doctor_flight.vehicle(state)
+        yield from running.vehicle(state)
 
 
 def main(argv: list[str]) -> int:
@@ -88,7 +88,7 @@ def main(argv: list[str]) -> int:
     options = parser.parse_args(argv)
     try:
         layout = load_layout(asset_path(options.layout, "layouts", ".toml"), options.set)
-        flight = running(layout) if options.flight is None else read_flight(options.flight)
+        flight = running_now(layout) if options.flight is None else read_flight(options.flight)
     except (LayoutError, OSError) as error:
         print(f"juncnet doctor: {error}", file=sys.stderr)
         return 2

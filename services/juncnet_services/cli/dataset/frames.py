@@ -8,7 +8,7 @@ from av.video.frame import VideoFrame
 
 from juncnet.learning.footage.intervals import FootageError
 from juncnet.learning.footage.pixels import jpeg
-from juncnet_services.cli.dataset_videos import Video, shown
+from juncnet_services.cli.dataset.videos import Video, shown
 
 CACHE_BYTES = 256 << 20
 AHEAD = 60

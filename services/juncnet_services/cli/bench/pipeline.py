@@ -26,11 +26,11 @@ from juncnet.layout import Layout, LayoutError, load_layout
 from juncnet.modelfile import ModelFileError
 from juncnet.topics import SERVICES, SIMULATOR_CAMERA
 from juncnet.zenoh_bus import ZenohBus
+from juncnet_services.cli.bench.figures import Figure, median, p99, show
+from juncnet_services.cli.bench.in_process import Picture, Pipeline, pictures
+from juncnet_services.cli.bench.measured import Latencies, Listener, flight_cpu_s
 from juncnet_services.cli.demo import START_S, Demo, prepare
-from juncnet_services.cli.figures import Figure, median, p99, show
-from juncnet_services.cli.in_process import Picture, Pipeline, pictures
 from juncnet_services.cli.local_flights import end
-from juncnet_services.cli.measured import Latencies, Listener, flight_cpu_s
 from juncnet_services.cli.supervise import Supervisor
 
 PICTURES = 50

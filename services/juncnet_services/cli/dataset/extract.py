@@ -23,9 +23,9 @@ from juncnet.learning.footage.pixels import as_stored, jpeg
 from juncnet.learning.footage.sides import Rules, sides, within
 from juncnet.learning.footage.splits import FRACTIONS, parse_shares
 from juncnet.learning.footage.writer import DatasetWriter
-from juncnet_services.cli.dataset_clips import Clip, clips_by_folders, clips_by_intervals
-from juncnet_services.cli.dataset_counts import counts_table
-from juncnet_services.cli.dataset_videos import Video, whole_frame
+from juncnet_services.cli.dataset.clips import Clip, clips_by_folders, clips_by_intervals
+from juncnet_services.cli.dataset.counts import counts_table
+from juncnet_services.cli.dataset.videos import Video, whole_frame
 
 MARGIN = 0.03
 """Pictures across splits must differ by this much more: `check` sees them as JPEG."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from juncnet.frames import Frame
 from juncnet.learning.footage.intervals import FootageError
 from juncnet.messages import Stamp
-from juncnet_services.cli.dataset_recordings import is_first_part, write_stream
+from juncnet_services.cli.dataset.recordings import is_first_part, write_stream
 from juncnet_services.frame_capture.contract import Counts
 from juncnet_services.frame_capture.decoding import Decoder
 from juncnet_services.frame_capture.planes import picture_of

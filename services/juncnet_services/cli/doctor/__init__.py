@@ -1,0 +1,1 @@
+"""`juncnet doctor`: what is wrong with a layout before flight, and what helps."""
