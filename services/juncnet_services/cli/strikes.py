@@ -11,11 +11,11 @@ from itertools import pairwise
 
 from pydantic import BaseModel, ConfigDict
 
-from juncnet.bus import Bus
+from juncnet.bus import Bus, Inbox
 from juncnet.clocks import NS_PER_S
 from juncnet.flight import Flight
 from juncnet.launch import connect
-from juncnet.messages import NavigationState, Output, OverrideKind, Phase
+from juncnet.messages import NavigationState, Output, OverrideKind, Phase, VehicleState
 from juncnet.topics import COMMAND_VELOCITY, NAVIGATION_STATE, SERVICES, VEHICLE_STATE
 from juncnet_services.cli.bench.measured import children_of
 from juncnet_services.cli.link_tap import LinkTap, Told
@@ -159,22 +159,23 @@ class Striker:
 
     def _run(self) -> None:
         try:
-            with connect(self._flight.directory, timeout_s=60) as bus, self._tap(bus) as tap:
-                self.told = tap.told
-                self._strike_on(bus)
+            with connect(self._flight.directory, timeout_s=60) as bus:
+                vehicles = bus.subscribe(VEHICLE_STATE, 100)
+                with self._tap(vehicles) as tap:
+                    self.told = tap.told
+                    self._strike_on(bus, vehicles)
         except Exception as error:
             self.failure = error
 
-    def _tap(self, bus: Bus) -> LinkTap:
-        vehicles = bus.subscribe(VEHICLE_STATE)
+    def _tap(self, vehicles: Inbox[VehicleState]) -> LinkTap:
         while not self._ended.is_set():
             state = vehicles.take(0.2)
             if state is not None and state.pose is not None:  # the link works in both directions
                 break
         return LinkTap(self._flight.directory)
 
-    def _strike_on(self, bus: Bus) -> None:
-        states, vehicles = bus.subscribe(NAVIGATION_STATE), bus.subscribe(VEHICLE_STATE, 100)
+    def _strike_on(self, bus: Bus, vehicles: Inbox[VehicleState]) -> None:
+        states = bus.subscribe(NAVIGATION_STATE)
         commands = bus.subscribe(COMMAND_VELOCITY, 1000)
         next_s, stopped_s = time.monotonic() + self._wait_s(), float("inf")
         while not self._ended.is_set():
