@@ -14,7 +14,6 @@ from pydantic import BaseModel, ConfigDict
 from juncnet.bus import Bus, Inbox
 from juncnet.clocks import NS_PER_S
 from juncnet.flight import Flight
-from juncnet.inbox import Inbox
 from juncnet.launch import connect
 from juncnet.messages import NavigationState, Output, OverrideKind, Phase, VehicleState
 from juncnet.topics import COMMAND_VELOCITY, NAVIGATION_STATE, SERVICES, VEHICLE_STATE
