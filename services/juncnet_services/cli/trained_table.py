@@ -1,15 +1,17 @@
-"""What `juncnet compare` and `juncnet ablate` share: options, going on, writing after each row."""
+"""What `juncnet compare` and `juncnet ablate` share: options, errors, going on, writing."""
 
 import argparse
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from juncnet_services.cli.provenance import provenance
+from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
     from juncnet.learning.datasets import Dataset
@@ -17,12 +19,33 @@ if TYPE_CHECKING:
     from juncnet.learning.evaluation.contestants import Budget
     from juncnet.learning.evaluation.protocols import Parts
 
-SAME = ("data", "seed", "epochs", "n_train", "train_sites", "n_validation")
+SAME = ("data", "preset", "seed", "epochs", "n_train", "train_sites", "n_validation")
 """What a file must have in common with a run that goes on with it."""
+MakeEntry = Callable[[str, "Budget"], "Entry"]
+"""Trains and tests the row of this name."""
 
 
-def add_arguments(parser: argparse.ArgumentParser, command: str) -> None:
-    """Add the options of a command that trains and tests on a dataset row by row."""
+@dataclass(frozen=True)
+class Plan:
+    """What a command fills its table with."""
+
+    names: Sequence[str]
+    """Of all rows, in the order of the table."""
+    begin: "Callable[[Parts, dict[str, Dataset]], MakeEntry]"
+    """From what is trained on, and further test sets by name, to what makes a row."""
+    markdown: "Callable[[Comparison, str], str]"
+    """Of a table and its picture's file name."""
+    title: str
+    """Of the picture; the name of the data follows."""
+
+
+def table_parser(command: str, description: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a command that trains and tests on a dataset row by row."""
+    parser = argparse.ArgumentParser(
+        prog=f"juncnet {command}",
+        description=description,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("data", type=Path, help="a dataset whose pictures have sites")
     parser.add_argument(
         "--also", action="append", default=[], metavar="NAME=DATA", help="a further test set"
@@ -36,64 +59,46 @@ def add_arguments(parser: argparse.ArgumentParser, command: str) -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--resume", action="store_true", help="keep what the file has already")
     parser.add_argument("--checkpoints", type=Path, help="a folder, to go on in mid-training")
-    parser.add_argument("--out", type=Path, help=f"default: models/{command}-DATA.json")
+    parser.add_argument("--out", type=Path, help="FILE.json (default: in models/, named for the data)")
     parser.add_argument("--json", action="store_true", help="print the table as one object")
+    return parser
 
 
-def data_name(options: argparse.Namespace) -> str:
-    """Return what tables call the data."""
-    return options.name or options.data.resolve().name
+def make_table(
+    command: str, options: argparse.Namespace, plan: Callable[[argparse.Namespace], Plan]
+) -> int:
+    """Make the table of a command; 1 when interrupted, 2 for bad arguments or data."""
+    with needs_train(f"juncnet {command}"):
+        from juncnet.learning.datasets import DatasetError
+        from juncnet.learning.evaluation.classical import MissingLibraryError
+        from juncnet.learning.evaluation.plots import PlotError
+        from juncnet.learning.fit import CheckpointError
+    try:
+        _fill(command, options, plan(options))
+    except (DatasetError, MissingLibraryError, PlotError, CheckpointError, ValueError) as error:
+        print(f"juncnet {command}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"juncnet {command}: interrupted; go on with --resume", file=sys.stderr)
+        return 1
+    return 0
 
 
-def further_sets(options: argparse.Namespace) -> "dict[str, Dataset]":
-    """Return the sets of `--also`; ValueError or DatasetError where one is wrong."""
-    from juncnet.learning.datasets import open_dataset
-
-    return {title: open_dataset(path) for title, path in map(_pair, options.also)}
-
-
-def _pair(text: str) -> tuple[str, Path]:
-    title, mark, path = text.partition("=")
-    if not (title and mark and path):
-        raise ValueError(f"--also {text}: write it as NAME=DATA")
-    return title, Path(path)
-
-
-def chosen_rows(options: argparse.Namespace, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the rows to make; ValueError: one is unknown."""
-    wanted = tuple(options.rows.split(";")) if options.rows else tuple(names)
-    unknown = [name for name in wanted if name not in names]
-    if unknown:
-        raise ValueError(f"--rows {';'.join(unknown)}: there are {'; '.join(names)}")
-    return wanted
-
-
-def fill_table(
-    command: str,
-    options: argparse.Namespace,
-    parts: "Parts",
-    rows: Sequence[str],
-    order: Sequence[str],
-    make: "Callable[[str, Budget], Entry]",
-    write: "Callable[[Comparison, Path], None]",
-) -> None:
-    """Make the rows one by one, write the table after each, and print it.
-
-    Args:
-        command: its name.
-        options: as parsed.
-        parts: what is trained on.
-        rows: names of those to make.
-        order: of all names in the table.
-        make: trains and tests one of them.
-        write: what else is written beside the JSON.
-    """
+def _fill(command: str, options: argparse.Namespace, plan: Plan) -> None:
+    """Make the rows one by one, write the table after each, and print it."""
     import torch
 
+    from juncnet.learning.datasets import open_dataset
     from juncnet.learning.evaluation.contestants import Budget
+    from juncnet.learning.evaluation.protocols import divided
 
     torch.set_num_threads(options.threads)
-    out: Path = options.out or Path("models") / f"{command}-{data_name(options)}.json"
+    rows = _chosen_rows(options, plan.names)
+    also = {title: open_dataset(path) for title, path in map(_pair, options.also)}
+    parts = divided(open_dataset(options.data), options.limit, options.seed)
+    make = plan.begin(parts, also)
+    preset = f"-{options.preset}" if "preset" in options else ""
+    out: Path = options.out or Path("models") / f"{command}-{_data_name(options)}{preset}.json"
     table = _table(command, options, parts)
     table = _resumed(table, out) if options.resume else table
     for row in rows:
@@ -105,11 +110,40 @@ def fill_table(
                 print(f"{row}: step {step} of {steps}", file=sys.stderr, flush=True)
 
         budget = Budget(options.epochs, options.seed, options.checkpoints, progress)
-        table = table.with_entry(make(row, budget), order)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(table.model_dump_json(indent=1) + "\n")
-        write(table, out)
+        table = table.with_entry(make(row, budget), plan.names)
+        _write(table, plan, out)
     print(table.model_dump_json() if options.json else out.with_suffix(".md").read_text())
+
+
+def _write(table: "Comparison", plan: Plan, out: Path) -> None:
+    from juncnet.learning.evaluation.compare_report import draw
+
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(table.model_dump_json(indent=1) + "\n")
+    picture = out.with_suffix(".png")
+    draw(table, picture, f"{plan.title}, {table.data}")
+    out.with_suffix(".md").write_text(plan.markdown(table, picture.name))
+
+
+def _data_name(options: argparse.Namespace) -> str:
+    """Return what tables call the data."""
+    return options.name or options.data.resolve().name
+
+
+def _pair(text: str) -> tuple[str, Path]:
+    title, mark, path = text.partition("=")
+    if not (title and mark and path):
+        raise ValueError(f"--also {text}: write it as NAME=DATA")
+    return title, Path(path)
+
+
+def _chosen_rows(options: argparse.Namespace, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the rows to make; ValueError: one is unknown."""
+    wanted = tuple(options.rows.split(";")) if options.rows else tuple(names)
+    unknown = [name for name in wanted if name not in names]
+    if unknown:
+        raise ValueError(f"--rows {';'.join(unknown)}: there are {'; '.join(names)}")
+    return wanted
 
 
 def _table(command: str, options: argparse.Namespace, parts: "Parts") -> "Comparison":
@@ -117,7 +151,8 @@ def _table(command: str, options: argparse.Namespace, parts: "Parts") -> "Compar
 
     origin = provenance([])
     return Comparison(
-        data=data_name(options),
+        data=_data_name(options),
+        preset=getattr(options, "preset", None),
         command=_command(command, options),
         machine=f"{origin.cores} cores of {origin.cpu}",
         seed=options.seed,

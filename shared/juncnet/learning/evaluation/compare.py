@@ -47,6 +47,8 @@ class Comparison(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     data: str
+    preset: str | None = None
+    """Of an ablation: whose network and recipe."""
     command: str
     machine: str
     seed: int

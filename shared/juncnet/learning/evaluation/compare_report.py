@@ -92,7 +92,7 @@ def _scores(entry: Entry) -> list[GroupScore]:
     return list(entry.columns.values())
 
 
-def draw(comparison: Comparison, path: Path, title: str = "Table IV") -> None:
+def draw(comparison: Comparison, path: Path, title: str) -> None:
     """Draw the balanced accuracy of every contestant on every column with its interval."""
     names = titles(comparison)
     with drawing(path, max(7.0, 1.0 * len(comparison.entries)), 4.5) as figure:
