@@ -59,7 +59,7 @@ def table_parser(command: str, description: str | None) -> argparse.ArgumentPars
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--resume", action="store_true", help="keep what the file has already")
     parser.add_argument("--checkpoints", type=Path, help="a folder, to go on in mid-training")
-    parser.add_argument("--out", type=Path, help="FILE.json (default: in models/, named for the data)")
+    parser.add_argument("--out", type=Path, help="default: in models/, named for the data")
     parser.add_argument("--json", action="store_true", help="print the table as one object")
     return parser
 
