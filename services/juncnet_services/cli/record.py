@@ -5,6 +5,7 @@ FOLDER/<flight>-000.mcap, -001 and so on.
 """
 
 import argparse
+import os
 import signal
 import sys
 import threading
@@ -23,7 +24,7 @@ POLL_S = 0.5
 def main(argv: list[str]) -> int:
     """Record; 1 when there is no flight, 2 for bad arguments or when the extra is missing."""
     try:
-        from juncnet_services.recorder.service import Config, run
+        from juncnet_services.recorder.service import NICENESS, Config, run
     except ImportError as error:
         print(f"juncnet record: {MISSING} ({error})", file=sys.stderr)
         return 2
@@ -34,6 +35,7 @@ def main(argv: list[str]) -> int:
         video=not options.no_video,
         features=options.features,
     )
+    os.nice(NICENESS)
     try:
         target = options.connect or newest_flight(options.robot)
         with connect(target, options.robot or "robot") as bus:

@@ -4,21 +4,22 @@ It only listens: a recorder that is slow, killed or out of disk changes nothing 
 kill at most the last second is missing, and the next recorder completes the file.
 """
 
+import os
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.bus import Bus
 from juncnet.launch import launch
-from juncnet.messages import Message
-from juncnet.topics import CAMERA_FRAME, CAMERA_VIDEO, Topic
+from juncnet.topics import CAMERA_FRAME, CAMERA_VIDEO
 from juncnet_services.recorder.disk import DiskWatch
 from juncnet_services.recorder.ears import Ears
 from juncnet_services.recorder.pictures import Pictures
-from juncnet_services.recorder.session import Limits, Session, begin
+from juncnet_services.recorder.session import Limits, begin
 
+NICENESS = 10
+"""The flight comes first: encoding takes what the flight leaves."""
 TICK_S = 0.05
 MB = 1_000_000
 
@@ -57,27 +58,20 @@ def run(bus: Bus, config: Config) -> None:
         ears, disk = Ears(bus, config.features), DiskWatch(session, bus.health)
         while bus.running and disk.has_room(bus.clock.now_ns()):
             packet = pictures.next(bus.clock.now_ns(), TICK_S)
-            if packet is not None:
-                write(bus, session, pictures, (bus.robot, CAMERA_VIDEO, packet))
-            elif not config.video:
+            if not config.video:
                 bus.wait(TICK_S)
-            for item in ears.heard():
-                if item[1] is CAMERA_VIDEO:
-                    pictures.camera_gave(bus.clock.now_ns())
-                write(bus, session, pictures, item)
-
-
-def write(
-    bus: Bus, session: Session, pictures: Pictures, item: tuple[str, Topic[Any], Message]
-) -> None:
-    """Write one message; where a new file begins, video begins anew."""
-    began_ns = bus.clock.now_ns()
-    if session.write(*item):
-        pictures.restart()
-    if item[1] is CAMERA_VIDEO:
-        bus.health.output(began_ns, None)
+            began_ns, heard = bus.clock.now_ns(), list(ears.heard())
+            if any(topic is CAMERA_VIDEO for _, topic, _ in heard):
+                pictures.camera_gave(began_ns)
+            own = [] if packet is None else [(bus.robot, CAMERA_VIDEO, packet)]
+            for robot, topic, message in [*own, *heard]:
+                if session.write(robot, topic, message):
+                    pictures.restart()  # a new file: its video begins with a key frame
+                if topic is CAMERA_VIDEO:
+                    bus.health.output(began_ns, None)
 
 
 def main() -> None:
     """Start the process."""
+    os.nice(NICENESS)
     launch(run, Config)

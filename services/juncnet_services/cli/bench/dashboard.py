@@ -1,20 +1,23 @@
-"""`juncnet bench dashboard`: what a dashboard costs a flight, in one simulated flight, by turns.
+"""`juncnet bench dashboard`: what dashboard and recorder cost a flight, in one flight, by turns.
 
-Without a dashboard; with one that no page looks at; with a page that asks for state and pictures as
-often as the browser's does; with a page that asks and does not read; and while a watched dashboard
-is killed with -9 again and again. The conditions take turns within each round, so that all meet the
-same machine and the same flight. Frame to command is from a picture's capture to the first
-command that its score and its road are both in. Lost are pictures of the camera without a command.
+Without both; with a dashboard that no page looks at; with a page that asks for state and pictures
+as often as the browser's does; with a recorder, video included; with that page and the recorder;
+with a page that asks and does not read; and while a watched dashboard is killed with -9 again and
+again. The conditions take turns within each round, so that all meet the same machine and the same
+flight. Frame to command is from a picture's capture to the first command that its score and its
+road are both in. Lost are pictures of the camera without a command, or missing in the recording.
 """
 
 import argparse
 import contextlib
+import importlib.util
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from http.client import HTTPConnection, HTTPException
@@ -23,9 +26,10 @@ from pathlib import Path
 from juncnet.bus import Bus
 from juncnet.launch import connect
 from juncnet.layout import SAVED, LayoutError
+from juncnet.recording import MISSING
 from juncnet.simulation.routes import plan_mission
 from juncnet.simulation.towns import random_world
-from juncnet.topics import COMMAND_VELOCITY
+from juncnet.topics import CAMERA_VIDEO, COMMAND_VELOCITY
 from juncnet_services.cli.bench.figures import Figure, median, p99, show
 from juncnet_services.cli.bench.measured import Listener, cpu_s, flight_cpu_s
 from juncnet_services.cli.bench.pipeline import await_commands
@@ -38,7 +42,8 @@ STATE_S, PICTURE_S = 0.15, 0.08
 """How often the page asks."""
 LATENCY_RATIO = 1.1
 WITHOUT, CLOSED, WATCHED, STALLED, KILLED = "without", "closed", "watched", "stalled", "killed"
-CONDITIONS = (WITHOUT, CLOSED, WATCHED, STALLED, KILLED)
+RECORDED, BOTH = "recorded", "watched and recorded"
+CONDITIONS = (WITHOUT, CLOSED, WATCHED, RECORDED, BOTH, STALLED, KILLED)
 
 
 @dataclass
@@ -51,6 +56,9 @@ class Measured:
     seconds: float = 0.0
     commanded: int = 0
     lost: int = 0
+    recorded: int = 0
+    unrecorded: int = 0
+    """Pictures between the first and the last in the recording that are not in it."""
     cpu_s: dict[str, float] = field(default_factory=dict[str, float])
 
     def spend(self, process: str, seconds: float) -> None:
@@ -149,47 +157,85 @@ def ask_and_not_read(address: Address, path: str) -> socket.socket:
 
 
 @contextmanager
-def condition(name: str, flight_dir: Path, robot: str) -> Generator[Process | None]:
-    """Let a condition hold while the context lasts; yields the dashboard, if there is one."""
-    if name == WITHOUT:
-        yield None
-        return
-    state, still = "/state?after=0", f"/still?robot={robot}"
+def recorded(flight_dir: Path, into: Measured) -> Generator[int]:
+    """Record the flight while the context lasts; yields the recorder's process id.
+
+    Raises:
+        RuntimeError: nothing is recorded.
+    """
+    from juncnet.recording.reader import open_recording
+
+    words = (sys.executable, "-m", "juncnet_services.cli", "record", "--connect", str(flight_dir))
+    with tempfile.TemporaryDirectory(prefix="jn-") as folder:
+        process = subprocess.Popen((*words, "--out", folder), stderr=subprocess.DEVNULL)
+        deadline = time.monotonic() + START_S
+        try:
+            while not any(Path(folder).glob("*.mcap")):
+                if time.monotonic() > deadline or process.poll() is not None:
+                    raise RuntimeError("the recorder did not start")
+                time.sleep(0.05)
+            yield process.pid
+        finally:
+            process.terminate()
+            process.wait(10)
+        video = open_recording(Path(folder)).messages([CAMERA_VIDEO.key])
+        numbers = {item.message.header.sequence for item in video}
+        into.recorded += len(numbers)
+        into.unrecorded += missing(numbers)
+
+
+def missing(numbers: set[int]) -> int:
+    """Return how many numbers between the least and the largest are not there."""
+    return max(numbers) - min(numbers) + 1 - len(numbers) if numbers else 0
+
+
+@contextmanager
+def condition(name: str, flight_dir: Path, robot: str, into: Measured) -> Generator[dict[str, int]]:
+    """Let a condition hold while the context lasts; yields the processes that it adds."""
+    state, still, pids = "/state?after=0", f"/still?robot={robot}", dict[str, int]()
     with ExitStack() as stack:
-        dashboard = stack.enter_context(Process(flight_dir))
-        if name in (WATCHED, STALLED, KILLED):
-            stack.enter_context(repeated(look(dashboard.address, still), PICTURE_S))
-        if name in (WATCHED, KILLED):
-            stack.enter_context(repeated(look(dashboard.address, state), STATE_S))
-        if name == STALLED:
-            stack.enter_context(ask_and_not_read(dashboard.address, still))
-        if name == KILLED:
-            stack.enter_context(repeated(dashboard.kill, KILL_EVERY_S))
-        yield dashboard
+        if name in (RECORDED, BOTH):
+            pids["recorder"] = stack.enter_context(recorded(flight_dir, into))
+        if name in (CLOSED, WATCHED, BOTH, STALLED, KILLED):
+            dashboard = stack.enter_context(Process(flight_dir))
+            pids["dashboard"] = dashboard.pid
+            if name is not CLOSED:
+                stack.enter_context(repeated(look(dashboard.address, still), PICTURE_S))
+            if name in (WATCHED, BOTH, KILLED):
+                stack.enter_context(repeated(look(dashboard.address, state), STATE_S))
+            if name == STALLED:
+                stack.enter_context(ask_and_not_read(dashboard.address, still))
+            if name == KILLED:
+                stack.enter_context(repeated(dashboard.kill, KILL_EVERY_S))
+                del pids["dashboard"]
+        yield pids
 
 
 def measure_one(
     bus: Bus, listener: Listener, demo: Demo, name: str, seconds: float, into: Measured
 ) -> None:
     """Measure one condition for so long, and add what was found."""
-    with condition(name, demo.flight.directory, bus.robot) as dashboard:
+    with condition(name, demo.flight.directory, bus.robot, into) as pids:
         _listen(bus, listener, SETTLE_S)
-        used, own = flight_cpu_s(demo.supervisor), cpu_s(dashboard.pid) if dashboard else 0.0
+        used = flight_cpu_s(demo.supervisor) | spent(pids)
         commands, started = bus.subscribe(COMMAND_VELOCITY, 4000), time.monotonic()
         listener.restart()
         _listen(bus, listener, seconds)
         numbers = {command.header.sequence for _, command in commands.drain()}
         into.seconds += time.monotonic() - started
-        for process, now_s in flight_cpu_s(demo.supervisor).items():
+        for process, now_s in (flight_cpu_s(demo.supervisor) | spent(pids)).items():
             into.spend(process, now_s - used.get(process, now_s))
-        if dashboard is not None and name != KILLED:
-            into.spend("dashboard", cpu_s(dashboard.pid) - own)
     bus.unsubscribe(commands)
     latencies_ms = listener.latencies.complete_ms()
     into.latencies_ms += latencies_ms
     into.medians_ms.append(median(latencies_ms))
     into.commanded += len(numbers)
-    into.lost += max(numbers) - min(numbers) + 1 - len(numbers)
+    into.lost += missing(numbers)
+
+
+def spent(pids: dict[str, int]) -> dict[str, float]:
+    """Return the processor time of processes by name."""
+    return {name: cpu_s(pid) for name, pid in pids.items()}
 
 
 def _listen(bus: Bus, listener: Listener, seconds: float) -> None:
@@ -221,11 +267,14 @@ def figures(found: dict[str, Measured]) -> list[Figure]:
             Figure(name=f"{name}: commands", value=one.commanded / one.seconds, unit="FPS"),
             Figure.against(f"{name}: pictures lost", one.lost, "", 0, True, n=one.commanded),
         ]
+        if one.recorded:
+            row = f"{name}: pictures missing in the recording"
+            rows.append(Figure.against(row, one.unrecorded, "", 0, True, n=one.recorded))
     return rows + cpu_figures(found)
 
 
 def cpu_figures(found: dict[str, Measured]) -> list[Figure]:
-    """Return the CPU of the processes that a dashboard concerns, per cent of one core."""
+    """Return the CPU of the processes that the conditions concern, per cent of one core."""
     return [
         Figure(
             name=f"{name}: CPU {process}",
@@ -233,7 +282,7 @@ def cpu_figures(found: dict[str, Measured]) -> list[Figure]:
             unit="% core",
         )
         for name, one in found.items()
-        for process in ("dashboard", "frame_capture")
+        for process in ("dashboard", "recorder", "frame_capture")
         if process in one.cpu_s
     ]
 
@@ -248,6 +297,12 @@ def a_long_flight(seed: int, settings: Sequence[str]) -> Setup:
     return prepare("copter", None, seed, mission, settings)
 
 
+def rotated(names: Sequence[str], turn: int) -> Iterable[str]:
+    """Return the names in their order, beginning with another one each turn."""
+    first = turn % len(names)
+    return (*names[first:], *names[:first])
+
+
 def measure(options: argparse.Namespace) -> list[Figure]:
     """Return all figures."""
     demo = Demo(a_long_flight(options.seed, options.set))
@@ -257,7 +312,7 @@ def measure(options: argparse.Namespace) -> list[Figure]:
             listener = Listener(bus)
             await_commands(bus, listener)
             for turn in range(options.rounds):
-                for name in (*CONDITIONS[turn % 5 :], *CONDITIONS[: turn % 5]):
+                for name in rotated(CONDITIONS, turn):
                     measure_one(bus, listener, demo, name, options.seconds, found[name])
                     print(f"round {turn + 1}: {name}", file=sys.stderr, flush=True)
     finally:
@@ -280,6 +335,9 @@ def main(argv: list[str]) -> int:
         "--set", action="append", default=[], metavar="SECTION.OPTION=VALUE", help="repeatable"
     )
     options = parser.parse_args(argv)
+    if importlib.util.find_spec("mcap") is None:
+        print(f"juncnet bench dashboard: {MISSING}", file=sys.stderr)
+        return 2
     try:
         found = measure(options)
     except (LayoutError, OSError, ValueError, RuntimeError) as error:
