@@ -3,7 +3,10 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 import tempfile
+import time
 from collections.abc import Generator
 from pathlib import Path
 
@@ -92,3 +95,17 @@ def test_down_ends_processes_whose_supervisor_was_killed(layout: Path) -> None:
     assert not Supervisor(flight.directory).running
     assert pids_of(flight) == []
     assert (flight.directory / "command_output.log").exists()
+
+
+def test_a_terminated_demo_leaves_nothing(layout: Path) -> None:
+    small = ["--set", "simulator.width=320", "--set", "simulator.height=180"]
+    command = [sys.executable, "-m", "juncnet_services.cli", "demo", "--headless", "--no-dashboard"]
+    with subprocess.Popen([*command, *small], stderr=subprocess.DEVNULL) as demo:
+        deadline = time.monotonic() + 60
+        while not (flights := running_flights()) or len(pids_of(flights[0])) < 8:
+            assert time.monotonic() < deadline and demo.poll() is None
+            time.sleep(0.1)
+        demo.terminate()
+        assert demo.wait(30) == 128 + signal.SIGTERM
+    assert pids_of(flights[0]) == []
+    assert all_flights() == []

@@ -1,7 +1,9 @@
 """`juncnet COMMAND ...`: dispatches to one module a command, imported only when it is called."""
 
 import importlib
+import signal
 import sys
+from types import FrameType
 
 COMMANDS = {
     "demo": ("demo", "fly a mission on the simulated drone and show it"),
@@ -44,8 +46,18 @@ def _usage() -> str:
     return "\n".join(["usage: juncnet COMMAND [--help] ...", "", *rows])
 
 
+def _end(number: int, _frame: FrameType | None) -> None:
+    raise SystemExit(128 + number)
+
+
 def main() -> None:
-    """Run the command named on the command line."""
+    """Run the command named on the command line.
+
+    Terminated (`timeout`, a closed terminal) it ends what it started, as with Ctrl-C.
+    """
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_DFL:  # `nohup` has it ignored
+            signal.signal(number, _end)
     arguments = sys.argv[1:]
     if not arguments or arguments[0] in ("-h", "--help"):
         print(_usage())
