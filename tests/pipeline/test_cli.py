@@ -103,7 +103,8 @@ def test_a_terminated_demo_leaves_nothing(layout: Path) -> None:
     with subprocess.Popen([*command, *small], stderr=subprocess.DEVNULL) as demo:
         deadline = time.monotonic() + 60
         while not (flights := running_flights()) or len(pids_of(flights[0])) < 8:
-            assert time.monotonic() < deadline and demo.poll() is None
+            assert time.monotonic() < deadline
+            assert demo.poll() is None
             time.sleep(0.1)
         demo.terminate()
         assert demo.wait(30) == 128 + signal.SIGTERM
