@@ -25,6 +25,7 @@ from juncnet.learning.recipes import PAPER, PRESETS, Recipe
 from juncnet.learning.train import Order, divide, recipe_from, train
 from juncnet.learning.weights import WeightsError
 from juncnet.network import build
+from juncnet_services.cli import curve
 from juncnet_services.cli import train as command
 
 GRAY = Preprocessing(channels=("gray",), standardisation="per_image")
@@ -232,14 +233,40 @@ def test_the_command_trains_and_writes_model_card_and_curve(
     arguments += ["--watch", str(folder)]
     assert command.main(arguments) == 0
     assert "1 of 6 sites held out" in capsys.readouterr().out
-    network = command.main([*arguments, "--from", str(out), "--epochs", "1"])
-    assert network == 0
+    first = out.with_suffix(".json").rename(tmp_path / "first.json")
+    assert command.main([*arguments, "--from", str(out), "--epochs", "1"]) == 0
     data = json.loads(out.with_suffix(".json").read_text())
     assert data["command"].startswith("juncnet train d --out mine.onnx")
     assert data["curve"][-1]["samples"] > 0
     assert 0 <= data["curve"][-1]["watched_auc"] <= 1
     assert "1 of 6 sites held out" in out.with_suffix(".md").read_text()
     assert not out.with_suffix(".checkpoint").exists()
+    picture = tmp_path / "auc.png"
+    joined = [str(first), str(out.with_suffix(".json")), "--out", str(picture)]
+    assert curve.main(joined) == 0
+    before = json.loads(first.read_text())["curve"][-1]["samples"]
+    told = f"after {before + data['curve'][-1]['samples']} pictures"
+    assert told in capsys.readouterr().out
+    assert picture.stat().st_size < 200_000
+    stretches = json.loads(picture.with_suffix(".json").read_text())["stretches"]
+    assert [stretch["name"] for stretch in stretches] == ["first", "mine"]
+
+
+def test_a_curve_of_nothing_watched_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report, out = tmp_path / "mine.json", str(tmp_path / "auc.png")
+    for text, said in (
+        ("[]", "no report of juncnet train"),
+        ('{"command": "", "curve": []}', "nothing was watched"),
+        ('{"command": "", "curve": [{"samples": 1}]}', "nothing was watched"),
+    ):
+        report.write_text(text)
+        assert curve.main([str(report), "--out", out]) == 2
+        assert said in capsys.readouterr().err
+    report.write_text('{"command": "", "curve": [{"samples": 1, "watched_auc": 0.5}]}')
+    assert curve.main([str(report), "--out", str(report.with_suffix(".png"))]) == 2
+    assert "would replace" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

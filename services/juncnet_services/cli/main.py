@@ -23,6 +23,7 @@ COMMANDS = {
     "doctor": ("doctor.examine", "look at a layout before flight: what is wrong, and what helps"),
     "certificates": ("certificates", "make a CA and one certificate a role, for links to others"),
     "train": ("train", "train a model on labelled pictures, from nothing or from a model"),
+    "curve": ("curve", "draw the AUC on watched pictures over all pictures seen in training"),
     "dataset": ("dataset", "pictures to learn from: extract, label, check, synthesise, film"),
     "record": ("record", "record every topic of a robot to MCAP files"),
     "replay": ("replay", "play a recording into the pipeline, or check what would change"),
