@@ -97,7 +97,7 @@ def draw_watched(curve: WatchedCurve, path: Path) -> None:
                 )
         axes.axhline(0.5, color="lightgray")
         axes.set(xlabel="pictures seen in training [millions]", ylabel="AUC, watched pictures")
-        axes.set_ylim(min(0.45, *area), 1)
+        axes.set_ylim(min(0.45, min(area) - 0.03), 1)
 
 
 def draw_curve(curve: Sequence[Point], path: Path) -> None:
