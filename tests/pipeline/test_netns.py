@@ -18,6 +18,8 @@ pytestmark = pytest.mark.full
 LINK_BITS_PER_S = 40_000_000
 SIZE = (640, 360)
 VIDEO_BITS_PER_S = 4_000_000
+FORGOTTEN_S = 12.0
+"""After so long the quick exchanges of before no longer tell a host's clock."""
 
 
 @pytest.fixture(name="hosts", scope="module")
@@ -85,11 +87,11 @@ def test_a_laptop_that_vanishes_leaves_the_robot_holding_for_good(
     assert "operator" in newest.output_reason
 
 
-def test_over_a_link_with_100_ms_there_and_back_the_robot_still_moves(
+def test_with_100_ms_there_and_back_the_robot_moves_and_with_100_each_way_it_holds(
     hosts: TwoHosts, flight: SplitFlight
 ) -> None:
     with hosts.delay(0.05):
-        flight.listen(12.0)  # the quick exchanges of before are forgotten
+        flight.listen(FORGOTTEN_S)
         first = len(flight.ears.commands)
         assert flight.until_moving(), "the robot does not move"
         flight.listen(5.0)
@@ -98,3 +100,9 @@ def test_over_a_link_with_100_ms_there_and_back_the_robot_still_moves(
         assert clock["uncertainty_ms"] > 49
         ages = sorted(command.age_ms for command in flight.ears.commands[first:])
         assert ages[0] > 49
+    with hosts.delay(0.1):  # no age is known better than half of there and back: 0.2 s at most
+        flight.listen(FORGOTTEN_S)
+        first = len(flight.tap.told)
+        flight.listen(3.0)
+        assert len(flight.tap.told) > first
+        assert all(told.holds for told in flight.tap.told[first:])

@@ -130,10 +130,55 @@ def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:
             open_vehicle("mavlink", {"url": f"udpin:127.0.0.1:{port}"}, tmp_path)
 
 
-@pytest.mark.parametrize("url", ["tcp:127.0.0.1:5760", "udpin:14550", "serial:ttyACM0:57600"])
+@pytest.mark.parametrize("url", ["tcp:127.0.0.1", "udpin:14550", "serial:ttyACM0:57600"])
 def test_a_link_that_is_none_is_named(tmp_path: Path, url: str) -> None:
     with pytest.raises(ValueError, match="udpin:ADDRESS:PORT"):
         open_vehicle("mavlink", {"url": url}, tmp_path)
+
+
+def test_tcp_carries_it_and_its_loss_ends_the_process(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    vehicle = open_vehicle("mavlink", {"url": f"tcp:127.0.0.1:{port}"}, tmp_path)
+    until(lambda: "is the simulator on?" in vehicle.trouble, vehicle.trouble)
+    with socket.create_server(("127.0.0.1", port)) as server:
+        server.settimeout(10)
+        ours, _ = server.accept()
+    ours.setblocking(False)
+    autopilot = Autopilot("copter", STRICT, px4=True)
+
+    def exchange() -> None:
+        now_s = time.monotonic()
+        try:
+            answers = autopilot.heard(ours.recv(4096), now_s)
+        except BlockingIOError:
+            answers = []
+        for packet in [*answers, *autopilot.told(now_s)]:
+            ours.sendall(packet)
+        time.sleep(0.02)
+
+    deadline_s = time.monotonic() + 10
+    while vehicle.trouble:
+        assert time.monotonic() < deadline_s, vehicle.trouble
+        exchange()
+    with GuardLink(vehicle.hold(), tmp_path) as guard:
+        before = len(autopilot.setpoints)
+        guard.beat(0.0, vehicle.hold())
+        while len(autopilot.setpoints) < before + 20:
+            assert time.monotonic() < deadline_s + 5, "nobody is heard"
+            exchange()
+    ours.close()
+    until(lambda: is_gone(vehicle, "connection is gone"), "the loss was not noticed")
+    vehicle.close()
+
+
+def is_gone(vehicle: Vehicle, text: str) -> bool:
+    """Return whether the driver says so and ends its process."""
+    try:
+        vehicle.send(Velocity(), brake=True, lasts_s=0.17)
+    except OSError as error:
+        return text in str(error)
+    return False
 
 
 def test_a_serial_port_carries_it_and_its_loss_ends_the_process(tmp_path: Path) -> None:
@@ -158,13 +203,5 @@ def test_a_serial_port_carries_it_and_its_loss_ends_the_process(tmp_path: Path) 
     assert hold is not None
     assert hold.address is None
     os.close(ours)
-
-    def gone() -> bool:
-        try:
-            vehicle.send(Velocity(), brake=True, lasts_s=0.17)
-        except OSError as error:
-            return "serial port is gone" in str(error)
-        return False
-
-    until(gone, "the loss was not noticed")
+    until(lambda: is_gone(vehicle, "serial port is gone"), "the loss was not noticed")
     vehicle.close()

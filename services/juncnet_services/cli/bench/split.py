@@ -1,8 +1,8 @@
 """`juncnet bench split`: a simulated mission flown from another host, over a link like WiFi.
 
 Needs root, for it makes two hosts with clocks of their own and an access point between them
-(`bench/two_hosts.py`). The first flight is left alone; in the second, video of another
-robot overloads the link, and then nothing passes for a while.
+(`bench/two_hosts.py`). Of its flights `undisturbed` is left alone; in `disturbed`, video of another
+robot overloads the link, and then nothing passes for a while; in `delayed` every packet is late.
 """
 
 import argparse
@@ -28,6 +28,7 @@ OVERLOAD = 1.5
 """Video that is sent too much, as a multiple of the link's rate."""
 SETTLE_S = 10.0
 """Of calm flight, after which the overload begins."""
+FLIGHTS = ("undisturbed", "disturbed", "delayed")
 Figures = dict[str, Any]
 
 
@@ -109,8 +110,8 @@ def clock_figures(flight: SplitFlight) -> Figures:
     return {"error_ms": round(error_ns / 1e6, 3), "uncertainty_ms": uncertainty_ms}
 
 
-def fly(hosts: TwoHosts, folder: Path, options: argparse.Namespace, disturbed: bool) -> Figures:
-    """Fly the mission once and return the figures."""
+def fly(hosts: TwoHosts, folder: Path, options: argparse.Namespace, kind: str) -> Figures:
+    """Fly the mission once, as `kind` of `FLIGHTS` says, and return the figures."""
     width, height = (int(n) for n in options.size.split("x"))
     setup = prepare("copter", None, options.seed)
     with SplitFlight(hosts, folder, setup, (width, height), round(options.video * 1e6)) as flight:
@@ -122,7 +123,7 @@ def fly(hosts: TwoHosts, folder: Path, options: argparse.Namespace, disturbed: b
         used = {name: s - cpu.get(name, 0.0) for name, s in flight.drone_cpu_s().items()}
         figures["drone_cpu_percent"] = {n: round(100 * s / elapsed_s, 1) for n, s in used.items()}
         figures["drone_cpu_percent"]["sum"] = round(100 * sum(used.values()) / elapsed_s, 1)
-        if disturbed:
+        if kind == "disturbed":
             first = len(flight.ears.commands)
             with flight.overload(round(OVERLOAD * options.rate * 1e6)):
                 flight.listen(options.overload)
@@ -130,7 +131,7 @@ def fly(hosts: TwoHosts, folder: Path, options: argparse.Namespace, disturbed: b
             figures["outage"] = outage_figures(flight, hosts, options.outage)
         flight.listen(2.5 * setup.plan.ideal_s + options.outage)
         commands = flight.ears.commands
-        if not disturbed:
+        if kind != "disturbed":
             figures["calm"] = ages(commands[calm:])
         figures["obeyed_command_age"] = spread_ms(obeyed_ages_ms(flight.tap.told, commands))
         figures["clock"] = clock_figures(flight)
@@ -142,12 +143,13 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     """Return the parsed command line."""
     parser = argparse.ArgumentParser(prog="juncnet bench split", description=__doc__)
     parser.add_argument("--rate", type=float, default=40.0, help="of the link [Mbit/s]")
-    parser.add_argument("--size", default="1920x1080", help="of the pictures")
+    parser.add_argument("--size", default="1280x720", help="of the pictures")
     parser.add_argument("--video", type=float, default=8.0, help="of the camera [Mbit/s]")
     parser.add_argument("--seed", type=int, default=24, help="of the world")
     parser.add_argument("--overload", type=float, default=25.0, help="for so long [s]")
     parser.add_argument("--outage", type=float, default=3.0, help="for so long [s]")
-    parser.add_argument("--calm-only", action="store_true", help="the first flight only")
+    parser.add_argument("--delay", type=float, default=0.1, help="there and back together [s]")
+    parser.add_argument("--flights", nargs="+", choices=FLIGHTS, default=FLIGHTS, help="which")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     parser.add_argument("--out", type=Path, help="write them into this file as well")
     return parser.parse_args(argv)
@@ -162,13 +164,15 @@ def main(argv: list[str]) -> int:
         return 2
     origin = provenance(["juncnet", "bench", "split", *argv])
     result: Figures = {"provenance": origin.model_dump(mode="json")}
-    for name in ("undisturbed",) if options.calm_only else ("undisturbed", "disturbed"):
+    for name in options.flights:
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="jn-")))
             hosts = stack.enter_context(TwoHosts())
             hosts.shape(round(options.rate * 1e6))
+            if name == "delayed":
+                stack.enter_context(hosts.delay(options.delay / 2))
             try:
-                result[name] = fly(hosts, folder, options, name == "disturbed")
+                result[name] = fly(hosts, folder, options, name)
             except (RuntimeError, ConnectionError) as error:
                 print(f"juncnet bench split: {error}\n{log_tails(folder)}", file=sys.stderr)
                 return 1

@@ -1,4 +1,4 @@
-"""PX4 and ArduPilot over MAVLink: UDP or a serial port. Needs the extra [mavlink].
+"""PX4 and ArduPilot over MAVLink: UDP, TCP or a serial port. Needs the extra [mavlink].
 
 An autopilot goes on with its last setpoint for as long as its parameters say, and then does what
 they say: they are read at connection, and where a lost link would fly on nothing takes off.
@@ -23,7 +23,8 @@ from juncnet_services.command_output.vehicles.pacing import (
     PacedVehicle,
 )
 
-URL = re.compile(r"(udpin|udpout):([^:]+):(\d+)|serial:(/[^:]+):(\d+)")
+URL = re.compile(r"(udpin|udpout|tcp):([^:]+):(\d+)|serial:(/[^:]+):(\d+)")
+CONNECT_S = 3.0
 END_S = {"hold": 0.3, "land": 2.4}
 """Time at the end for zero velocity, and for a landing to begin or a rover to be disarmed."""
 
@@ -32,7 +33,8 @@ class MavlinkOptions(DriverOptions, Flight):
     """Options of the vehicle `mavlink`."""
 
     url: str = "udpin:127.0.0.1:14540"
-    """udpin:ADDRESS:PORT to listen, udpout:HOST:PORT to call, serial:/dev/ttyACM0:921600."""
+    """udpin:ADDRESS:PORT to listen, udpout:HOST:PORT to call, serial:/dev/ttyACM0:921600, or
+    tcp:HOST:PORT for simulators: over a bad link TCP delivers setpoints late instead of never."""
     at_end: Literal["hold", "land"] = "hold"
     """What the vehicle does when command_output ends in order; a rover is disarmed by `land`."""
     minimum_radius_m: float = Field(default=2.5, ge=0, le=100)
@@ -43,7 +45,8 @@ class MavlinkOptions(DriverOptions, Flight):
     def _is_a_link(cls, url: str) -> str:
         if URL.fullmatch(url) is None:
             raise ValueError(
-                "write udpin:ADDRESS:PORT, udpout:HOST:PORT or serial:/dev/DEVICE:BAUD"
+                "write udpin:ADDRESS:PORT, udpout:HOST:PORT, tcp:HOST:PORT or "
+                "serial:/dev/DEVICE:BAUD"
             )
         return url
 
@@ -70,7 +73,7 @@ class MavlinkVehicle(PacedVehicle):
 
     @contextmanager
     def connect(self) -> Generator[Link]:
-        self._link.forget()
+        self._link.begin()
         yield self._link
 
     def hold(self) -> Hold | None:
@@ -104,7 +107,7 @@ class UdpLink:
                 f"cannot listen on {host}:{port}: {error}; does another program have the port?"
             ) from error
 
-    def forget(self) -> None:
+    def begin(self) -> None:
         """Speak with whoever is heard first from now on, unless the peer is named."""
         self.peer = self._named
 
@@ -123,6 +126,62 @@ class UdpLink:
 
     def close(self) -> None:
         self._socket.close()
+
+
+class TcpLink:
+    """A connection to a server; once it is lost the process ends, for the guard has it too."""
+
+    peer = None
+
+    def __init__(self, host: str, port: int) -> None:
+        self._server = (host, port)
+        self._socket: socket.socket | None = None
+
+    def begin(self) -> None:
+        """Connect; a connection that has been made is kept, whoever is silent on it.
+
+        Raises:
+            ConnectionError: nobody answers there.
+        """
+        if self._socket is not None:
+            return
+        try:
+            link = socket.create_connection(self._server, CONNECT_S)
+        except OSError as error:
+            host, port = self._server
+            raise ConnectionError(
+                f"no MAVLink at tcp:{host}:{port} ({error}): is the simulator on?"
+            ) from error
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        link.setblocking(False)
+        self._socket = link
+
+    @property
+    def _made(self) -> socket.socket:
+        if self._socket is None:
+            raise ConnectionError("not connected yet")
+        return self._socket
+
+    def fileno(self) -> int:
+        return self._made.fileno()
+
+    def send(self, data: bytes) -> None:
+        self._made.send(data)
+
+    def receive(self) -> bytes:
+        try:
+            data = self._made.recv(65_535)
+        except BlockingIOError:
+            raise
+        except OSError as error:
+            raise LinkGoneError(f"the connection is gone: {error}") from error
+        if not data:
+            raise LinkGoneError("the connection is gone: the other end closed it")
+        return data
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
 
 
 class SerialLink:
@@ -146,7 +205,7 @@ class SerialLink:
         raw[4] = raw[5] = speed
         termios.tcsetattr(self._port, termios.TCSANOW, raw)
 
-    def forget(self) -> None:
+    def begin(self) -> None:
         """Drop what has piled up while nobody read."""
         try:
             termios.tcflush(self._port, termios.TCIFLUSH)
@@ -174,11 +233,13 @@ class SerialLink:
         os.close(self._port)
 
 
-def _open(url: str) -> UdpLink | SerialLink:
+def _open(url: str) -> UdpLink | TcpLink | SerialLink:
     """Return the link; raises `ValueError` that says what to do when it cannot be opened."""
     match = URL.fullmatch(url)
     assert match is not None, "validated before"
     direction, host, port, device, baud = match.groups()
     if device is not None:
         return SerialLink(device, int(baud))
+    if direction == "tcp":
+        return TcpLink(host, int(port))
     return UdpLink(host, int(port), listen=direction == "udpin")
