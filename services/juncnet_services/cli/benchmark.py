@@ -1,7 +1,7 @@
 """`juncnet benchmark mnist DIR | cifar10 FILE`: the paper's Tables II and III with its network.
 
 DIR has MNIST's four IDX files; FILE is `cifar-10-binary.tar.gz` or an `.npz` of JPEG copies. A run
-that is interrupted, or made longer with --epochs, goes on from its checkpoints.
+that is interrupted goes on from its checkpoint: the same command again.
 """
 
 import argparse
