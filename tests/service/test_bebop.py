@@ -13,7 +13,7 @@ import pytest
 from bebop_drone import Drone, flying_drone
 from juncnet.messages import Velocity
 from juncnet_services.command_output.guard_link import GuardLink
-from juncnet_services.command_output.vehicles import Vehicle, arsdk, open_vehicle
+from juncnet_services.command_output.vehicles import Vehicle, arsdk, bebop_discovery, open_vehicle
 from juncnet_services.command_output.vehicles.arsdk import Buffer, FlyingState
 from juncnet_services.command_output.vehicles.bebop import BebopOptions
 
@@ -112,6 +112,39 @@ def test_a_refusal_is_named_with_its_remedy_and_tried_again(tmp_path: Path) -> N
         until(lambda: "another controller has it" in vehicle.trouble, vehicle.trouble)
         drone.status = 0
         until(lambda: vehicle.trouble == "", "not connected")
+
+
+def test_a_drone_that_announces_itself_is_found(tmp_path: Path) -> None:
+    zeroconf = pytest.importorskip("zeroconf", reason="extra [bebop] is not installed")
+    with flying_drone() as drone, zeroconf.Zeroconf(interfaces=["127.0.0.1"]) as network:
+        own = {"address": "discover", "events_port": 0}
+        vehicle = open_vehicle("bebop", own, tmp_path)
+        until(lambda: "announces itself" in vehicle.trouble, vehicle.trouble)
+        network.register_service(announcement(zeroconf, "Bebop2-1", drone.port))
+        until(lambda: vehicle.trouble == "", vehicle.trouble)
+        vehicle.close()
+        network.register_service(announcement(zeroconf, "Bebop2-2", drone.port))
+        with pytest.raises(
+            ConnectionError, match=r"Bebop2-1 at .*, Bebop2-2 at .*name the address"
+        ):
+            bebop_discovery.find(3.0)
+
+
+def announcement(zeroconf: Any, name: str, port: int) -> Any:
+    """Return what a Bebop of this name announces."""
+    return zeroconf.ServiceInfo(
+        bebop_discovery.SERVICE,
+        f"{name}.{bebop_discovery.SERVICE}",
+        addresses=[bytes([127, 0, 0, 1])],
+        port=port,
+        server=f"{name}.local.",
+    )
+
+
+def test_without_zeroconf_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bebop_discovery, "is_installed", lambda: False)
+    with pytest.raises(ValueError, match=r"pip install 'juncnet\[bebop\]', or name the address"):
+        BebopOptions(address="discover")
 
 
 def test_no_drone_is_named_with_its_remedy_and_survived(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Parrot Bebop 2 over its WiFi: discovery by TCP, then commands and events by UDP.
+"""Parrot Bebop 2 over its WiFi: found by address or mDNS, asked by TCP, flown by UDP.
 
 The drone keeps its last PCMD while nothing new comes, and notices a vanished controller only after
 some 10 s; then it hovers. Hold is a PCMD whose tilt does not count: it keeps its place.
@@ -10,12 +10,13 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from juncnet_services.command_output.vehicles import (
     DriverOptions,
     Hold,
     arsdk,
+    bebop_discovery,
     usual_capabilities,
 )
 from juncnet_services.command_output.vehicles.bebop_flight import (
@@ -27,6 +28,7 @@ from juncnet_services.command_output.vehicles.bebop_flight import (
 from juncnet_services.command_output.vehicles.pacing import PacedVehicle
 
 CONNECT_S = 3.0
+DISCOVER = "discover"
 MAX_ANSWER = 65_536
 END_S = {"hold": 0.2, "land": 0.6}
 """Time at the end for the last commands, repeats included."""
@@ -36,7 +38,7 @@ class BebopOptions(DriverOptions):
     """Options of the vehicle `bebop`."""
 
     address: str = "192.168.42.1"
-    """Of the drone in its own network."""
+    """Of the drone in its own network; `discover` looks for it by mDNS (extra [bebop])."""
     discovery_port: int = Field(default=arsdk.DISCOVERY_PORT, ge=1, le=65535)
     events_port: int = Field(default=43210, ge=0, le=65535)
     """Where this host listens for the drone; 0: any free port."""
@@ -49,6 +51,15 @@ class BebopOptions(DriverOptions):
     at_end: Literal["hold", "land"] = "hold"
     """What the drone does when command_output ends in order."""
     tuning: Tuning = Tuning()
+
+    @field_validator("address")
+    @classmethod
+    def _can_be_looked_for(cls, address: str) -> str:
+        if address == DISCOVER and not bebop_discovery.is_installed():
+            raise ValueError(
+                "discover needs zeroconf: pip install 'juncnet[bebop]', or name the address"
+            )
+        return address
 
 
 class BebopVehicle(PacedVehicle):
@@ -72,10 +83,11 @@ class BebopVehicle(PacedVehicle):
         with closing(events):
             events.bind(("", self._options.events_port))
             events.setblocking(False)
-            port = self._discover(events.getsockname()[1])
-            self._out.connect((self._options.address, port))
+            drone = self._find()
+            port = self._introduce(drone, events.getsockname()[1])
+            self._out.connect((drone[0], port))
             self._hold = self._hold or Hold(self._out.fileno(), None, hold_packets(), STEP_NS)
-            yield BebopLink(events, self._out, self._options.address)
+            yield BebopLink(events, self._out, drone[0])
 
     def hold(self) -> Hold | None:
         return self._hold
@@ -85,22 +97,28 @@ class BebopVehicle(PacedVehicle):
         self.finish(at_end == "land", END_S[at_end])
         self._out.close()
 
-    def _discover(self, events_port: int) -> int:
+    def _find(self) -> tuple[str, int]:
+        """Return where the drone listens for controllers; raises `ConnectionError`."""
+        options = self._options
+        if options.address == DISCOVER:
+            return bebop_discovery.find(CONNECT_S)
+        return options.address, options.discovery_port
+
+    def _introduce(self, drone: tuple[str, int], events_port: int) -> int:
         """Return the port for commands, as the drone names it.
 
         Raises:
             ConnectionError: nobody answers there.
             ArsdkError: the drone refuses.
         """
-        address = (self._options.address, self._options.discovery_port)
         request = arsdk.discovery_request(events_port, self._options.video_port)
         try:
-            with socket.create_connection(address, CONNECT_S) as link:
+            with socket.create_connection(drone, CONNECT_S) as link:
                 link.sendall(request)
                 answer = _answer(link)
         except OSError as error:
             raise ConnectionError(
-                f"no Bebop at {address[0]}:{address[1]} ({error}): is it on, and is this host in "
+                f"no Bebop at {drone[0]}:{drone[1]} ({error}): is it on, and is this host in "
                 "its WiFi?"
             ) from error
         return arsdk.control_port(answer)
