@@ -62,7 +62,8 @@ class RobustNet(nn.Module):
     """Six convolutions with batch normalisation; keeps where things stand in the picture.
 
     Global average pooling would forget at which row the junction lies, and that row is what divides
-    *junction* from *none*; so a small dense layer reads the last 4x4 map as it is.
+    *junction* from *none*; so a small dense layer reads the last 4x4 map as it is. A road's mirror
+    image is as much of a junction as the road: outside training the answer is the mean of both.
     """
 
     def __init__(self, channels: int = 2, classes: int = 2, dropout: float = 0.2):
@@ -83,8 +84,11 @@ class RobustNet(nn.Module):
 
     def forward(self, features: Tensor) -> Tensor:
         """Return logits (N, classes) of features (N, C, 64, 64)."""
-        logits: Tensor = self.body(features)
-        return logits
+        if self.training:
+            logits: Tensor = self.body(features)
+            return logits
+        plain, mirrored = self.body(torch.cat([features, features.flip(3)])).chunk(2)
+        return (plain + mirrored) / 2
 
 
 class WithMask(nn.Module):

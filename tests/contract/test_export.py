@@ -19,7 +19,7 @@ from juncnet.learning.export import TOLERANCE, export
 from juncnet.learning.synthetic import target
 from juncnet.learning.weights import WeightsError, round_to_int8, start_from
 from juncnet.modelfile import ModelMetadata
-from juncnet.network import Architecture, PaperNet, build
+from juncnet.network import Architecture, PaperNet, RobustNet, build
 from juncnet_services.junction_inference.model import Model
 
 
@@ -63,6 +63,21 @@ def test_onnx_answers_as_torch_does(architecture: Architecture, int8: bool, tmp_
         round_to_int8(network)
     expected = probabilities(network, features)
     np.testing.assert_allclose(model.probabilities(features), expected, atol=TOLERANCE)
+
+
+def test_a_mirrored_picture_gets_the_same_answer(tmp_path: Path) -> None:
+    network = seasoned("robust")
+    export(network, metadata("robust"), tmp_path / "m.onnx")
+    features = np.zeros((1, 2, 64, 64), np.float32)
+    features[..., 20:60, 4:20] = 10.0
+    mirrored = np.ascontiguousarray(features[..., ::-1])
+    model = Model(tmp_path / "m.onnx")
+    answers = [model.probabilities(f) for f in (features, mirrored)]
+    np.testing.assert_allclose(*answers, atol=TOLERANCE)
+    assert isinstance(network, RobustNet)
+    with torch.no_grad():
+        logits = [network.body(torch.from_numpy(f)) for f in (features, mirrored)]
+    assert (logits[0] - logits[1]).abs().max() > 10 * TOLERANCE
 
 
 def test_int8_takes_a_quarter_of_the_bytes(tmp_path: Path) -> None:
