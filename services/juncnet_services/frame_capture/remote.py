@@ -1,89 +1,34 @@
 """The vehicle's camera on another host: camera/video, decoded here under the vehicle's stamps."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
 
-import av
-from av.codec.context import Flags
-from av.error import InvalidDataError
-from av.packet import Packet
-from av.video.codeccontext import VideoCodecContext
-from av.video.frame import VideoFrame
-
 from juncnet.bus import Bus
 from juncnet.clocks import NS_PER_S
-from juncnet.messages import KeyFrameRequest, Stamp, VideoPacket
+from juncnet.h264_decoder import AccessUnitDecoder
+from juncnet.messages import KeyFrameRequest, VideoPacket
 from juncnet.topics import CAMERA_KEY_FRAME, CAMERA_VIDEO
 from juncnet_services.frame_capture.contract import UNITS_KEPT, AccessUnit, Counts, Picture
 from juncnet_services.frame_capture.planes import picture_of
 
 ASK_EVERY_S = 0.5
 """Between requests for a key frame."""
-UNDECODED_KEPT = 64
-"""Headers of pictures that the decoder still holds."""
 
 
-class VideoDecoder:
-    """Decodes camera/video: no picture before a key frame, none after a loss until the next one."""
+class Order:
+    """Tells which access units are missing between those that arrive."""
 
-    def __init__(self, counts: Counts) -> None:
-        context = av.CodecContext.create("h264", "r")
-        assert isinstance(context, VideoCodecContext)
-        context.thread_count = 1
-        context.options = {"err_detect": "explode"}
-        context.flags |= Flags.low_delay
-        self._context = context
-        self._counts = counts
+    def __init__(self) -> None:
         self._newest: tuple[int, int] | None = None
-        self._headers: dict[int, Stamp] = {}
-        self._fed = 0
-        self.waits_for_key_frame = True
-        """Whether nothing can be decoded until one comes."""
 
-    def feed(self, packet: VideoPacket) -> Iterator[tuple[VideoFrame, Stamp]]:
-        """Yield (picture, header of its access unit) of what this packet completes."""
-        if not self._follows(packet):
-            self._distrust()
-        if self.waits_for_key_frame and not packet.key_frame:
-            self._counts.skipped += 1
-            return
-        self.waits_for_key_frame = False
-        self._fed += 1
-        self._headers[self._fed] = packet.header
-        unit = Packet(bytes(packet.payload))
-        unit.pts = self._fed
-        try:
-            frames = self._context.decode(unit)  # pyright: ignore[reportUnknownMemberType]  # av: bare Packet
-        except InvalidDataError:
-            self._counts.corrupt += 1
-            self._distrust()
-            return
-        for frame in frames:
-            header = self._headers.pop(frame.pts or 0, None)
-            if frame.is_corrupt or header is None:
-                self._counts.corrupt += 1
-                self._distrust()
-                return
-            yield frame, header
-        if len(self._headers) > UNDECODED_KEPT:
-            self._headers.clear()
-
-    def _follows(self, packet: VideoPacket) -> bool:
-        """Return whether nothing is missing before this packet, and remember its place."""
+    def missing_before(self, packet: VideoPacket) -> int | None:
+        """Return how many are missing before `packet`; None: it is the first of its sender."""
         header, newest = packet.header, self._newest
         self._newest = (header.epoch, header.sequence)
         if newest is None or newest[0] != header.epoch:
-            return False
-        missing = header.sequence - newest[1] - 1 + packet.lost_before
-        self._counts.lost += max(missing, 0)
-        return missing == 0
-
-    def _distrust(self) -> None:
-        if not self.waits_for_key_frame:
-            self._context.flush_buffers()
-        self.waits_for_key_frame = True
-        self._headers.clear()
+            return None
+        return header.sequence - newest[1] - 1 + packet.lost_before
 
 
 class RemoteCamera:
@@ -96,7 +41,7 @@ class RemoteCamera:
         self.counts = Counts()
         self._bus = bus
         self._packets = bus.subscribe(CAMERA_VIDEO, UNITS_KEPT)
-        self._decoder = VideoDecoder(self.counts)
+        self._decoder, self._order = AccessUnitDecoder(), Order()
         self._units: list[AccessUnit] = []
         self._stall_ns = round(stall_s * NS_PER_S)
         self._heard_ns = self._told_ns = bus.clock.now_ns()
@@ -113,9 +58,12 @@ class RemoteCamera:
                 bytes(packet.payload), packet.key_frame, header.time_ns, packet.lost_before, header
             )
             self._units.append(unit)
-            for frame, stamp in self._decoder.feed(packet):
+            missing = self._order.missing_before(packet)
+            self.counts.lost += max(missing or 0, 0)
+            for frame, stamp in self._decoder.feed(packet, follows=missing == 0):
                 self.counts.late += newest is not None
                 newest = replace(picture_of(frame, stamp.time_ns), header=stamp)
+        self.counts.skipped, self.counts.corrupt = self._decoder.skipped, self._decoder.corrupt
         self._watch(first is not None)
         yield newest
 
