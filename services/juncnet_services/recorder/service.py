@@ -18,7 +18,7 @@ from juncnet_services.recorder.ears import Ears
 from juncnet_services.recorder.pictures import Pictures
 from juncnet_services.recorder.session import Limits, begin
 
-NICENESS = 10
+NICENESS = 5
 """The flight comes first: encoding takes what the flight leaves."""
 TICK_S = 0.05
 MB = 1_000_000

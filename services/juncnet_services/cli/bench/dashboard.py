@@ -4,8 +4,8 @@ Without both; with a dashboard that no page looks at; with a page that asks for 
 as often as the browser's does; with a recorder, video included; with that page and the recorder;
 with a page that asks and does not read; and while a watched dashboard is killed with -9 again and
 again. The conditions take turns within each round, so that all meet the same machine and the same
-flight. Frame to command is from a picture's capture to the first command that its score and its
-road are both in. Lost are pictures of the camera without a command, or missing in the recording.
+flight. Frame to command is from a picture's capture to the last command that rests on it, when its
+score and its road are both in. Lost are pictures of the camera without a command, or missing in the recording.
 """
 
 import argparse
@@ -226,7 +226,7 @@ def measure_one(
         for process, now_s in (flight_cpu_s(demo.supervisor) | spent(pids)).items():
             into.spend(process, now_s - used.get(process, now_s))
     bus.unsubscribe(commands)
-    latencies_ms = listener.latencies.complete_ms()
+    latencies_ms = listener.latencies.last_ms()
     into.latencies_ms += latencies_ms
     into.medians_ms.append(median(latencies_ms))
     into.commanded += len(numbers)

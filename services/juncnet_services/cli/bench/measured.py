@@ -53,6 +53,15 @@ class Latencies:
                 found.append((issued[0][0] - issued[0][1]) / 1e6)
         return found
 
+    def last_ms(self) -> list[float]:
+        """Return, a picture with score and road, the ms from its capture to its last command.
+
+        That is the one with both in it, whenever this process heard of them.
+        """
+        both = (key for key in self._commands if key in self._scored and key in self._seen)
+        last = (self._commands[key][-1] for key in both)
+        return [(issued_ns - captured_ns) / 1e6 for issued_ns, captured_ns in last]
+
     def first_ms(self) -> list[float]:
         """Return, a picture, the ms from its capture to the first command that rests on it."""
         return [(commands[0][0] - commands[0][1]) / 1e6 for commands in self._commands.values()]
