@@ -5,7 +5,8 @@ as often as the browser's does; with a recorder, video included; with that page 
 with a page that asks and does not read; and while a watched dashboard is killed with -9 again and
 again. The conditions take turns within each round, so that all meet the same machine and the same
 flight. Frame to command is from a picture's capture to the last command that rests on it, when its
-score and its road are both in. Lost are pictures of the camera without a command, or missing in the recording.
+score and its road are both in. Lost are pictures of the camera without a command, or missing in
+the recording.
 """
 
 import argparse
