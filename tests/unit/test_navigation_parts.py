@@ -171,20 +171,34 @@ def test_an_arc_of_a_right_angle_begins_a_radius_before_the_corner() -> None:
 
 
 def test_the_search_goes_on_then_back_then_ends() -> None:
-    config = TurnConfig(settle_s=1.0, sweep_radps=0.5, search_rad=0.5)
-    seen = [turning.sweep_rad(t, -1.0, config) for t in (0.5, 2.0, 3.0, 4.0, 4.1)]
+    config = TurnConfig(settle_s=1.0, sweep_radps=0.5)
+    seen = [turning.sweep_rad(t, -1.0, 0.5, config) for t in (0.5, 2.0, 3.0, 4.0, 4.1)]
     assert seen == [0.0, pytest.approx(-0.5), pytest.approx(0.0), pytest.approx(0.5), None]
+
+
+def test_the_way_straight_on_is_no_turns_road() -> None:
+    config = TurnConfig()
+    slight = Turn(at=1, angle_deg=40.0)
+    within = turning.search_rad(slight, config)
+    sight = turning.RoadSight(config)
+    for number in range(1, 6):  # the road straight on, sought 40 degrees to its left
+        sight.look(road(number, number), 0.0, math.radians(40), within, 0.3)
+    assert sight.agreed_rad is None
+    for number in range(6, 11):
+        sight.look(road(number, number), 0.5, math.radians(40), within, 0.3)
+    assert sight.agreed_rad == pytest.approx(0.5)
+    assert turning.search_rad(Turn(at=1, turn="straight"), config) == config.search_rad
 
 
 def test_agreement_takes_frames_in_a_row() -> None:
     sight = turning.RoadSight(TurnConfig(frames=3))
     for confidence in (0.9, 0.9, 0.1, 0.9, 0.9):
-        sight.look(road(1, 1, confidence=confidence), 1.5, 1.57, 0.3)
+        sight.look(road(1, 1, confidence=confidence), 1.5, 1.57, 0.8, 0.3)
     assert sight.agreed_rad is None
-    sight.look(road(1, 1), 1.5, 1.57, 0.3)
+    sight.look(road(1, 1), 1.5, 1.57, 0.8, 0.3)
     assert sight.agreed_rad == pytest.approx(1.5)
     assert sight.aligned
-    sight.look(road(1, 1), 0.0, 1.57, 0.3)
+    sight.look(road(1, 1), 0.0, 1.57, 0.8, 0.3)
     assert sight.agreed_rad is None
 
 

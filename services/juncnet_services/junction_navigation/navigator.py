@@ -110,8 +110,6 @@ class Navigator:
         self._blocked = self._note = ""
         return Reply(accepted=True, reason=f"the count starts at 0 (it was {previous})")
 
-    # --- inputs ---
-
     def _take_score(self, now: Instant, score: JunctionScore) -> None:
         if not self._inputs.accept_score(score):
             return
@@ -136,8 +134,9 @@ class Navigator:
         if road.road is not None and self.progress.turn is None:
             self._sightings.see(road.road, at_m)
         if self.progress.turn is not None:
-            nominal = self.progress.turn.nominal_rad
-            self._sight.look(road, yaw, nominal, self.config.sight_confidence)
+            turn, least = self.progress.turn, self.config.sight_confidence
+            within = turning.search_rad(turn.turn, self.config.turn)
+            self._sight.look(road, yaw, turn.nominal_rad, within, least)
         elif self._steered and self._inputs.road_visible and previous is not None:
             self._learn_axis(road, yaw, (header.time_ns - previous.header.time_ns) / 1e9)
 
@@ -158,8 +157,6 @@ class Navigator:
         self.progress.axis_rad = axis + weight * (direction - axis)
         if road.road is not None:
             self._plan.learn_width(road.road.width_m, WIDTH_WEIGHT * weight)
-
-    # --- deciding ---
 
     def _drive(self) -> Velocity:
         if self.progress.phase is Phase.WAITING:
@@ -253,7 +250,8 @@ class Navigator:
     def _turning(self) -> Velocity:
         turn = self._under_way
         error = turn.nominal_rad - self.progress.yaw_rad
-        seen = abs(error) <= self.config.turn.search_rad and self._sight.agreed_rad is not None
+        near = abs(error) <= turning.search_rad(turn.turn, self.config.turn)
+        seen = near and self._sight.agreed_rad is not None
         if seen or abs(error) <= self.config.turn.tolerance_rad:
             self.progress.phase = Phase.ALIGNING
             turn.aligning_from_m = self.progress.odometer_m
@@ -275,7 +273,8 @@ class Navigator:
                 return self._wait("no road is seen after the turn")
             return self._yaw_towards(turn.nominal_rad, turn)
         sign = math.copysign(1.0, turning.angle_rad(turn.turn))
-        offset = turning.sweep_rad(turn.aligning_s, sign, config)
+        limit = turning.search_rad(turn.turn, config)
+        offset = turning.sweep_rad(turn.aligning_s, sign, limit, config)
         if offset is None or turn.elapsed_s > config.timeout_s:
             return self._wait("no road is seen after the turn")
         return self._yaw_towards(turn.nominal_rad + offset, turn)
@@ -304,8 +303,6 @@ class Navigator:
 
     def _finished(self) -> Velocity:
         return self._wait("the mission is finished")
-
-    # --- velocities ---
 
     @property
     def _under_way(self) -> TurnProgress:
@@ -341,8 +338,6 @@ class Navigator:
     def _wait(self, reason: str) -> Velocity:
         self._reason = reason
         return NO_MOTION
-
-    # --- outputs ---
 
     def _tell_note(self, wanted: Velocity) -> None:
         """Add what a restart found to the reason, up to the first motion."""

@@ -93,7 +93,8 @@ class JunctionPlan:
         """Return the distance to the middle of the crossing road, as the opening to turn into says.
 
         A road that leaves at another angle than 90 degrees crosses the edge before or behind; where
-        openings were seen left and right, their mean is not shifted.
+        openings were seen left and right, their mean is not shifted. The middle lies behind the
+        corners, whatever a slight turn's angle makes of its opening.
         """
         junction = self._progress.junction
         side = "left" if turning.angle_rad(self.turn) > 0 else "right"
@@ -107,7 +108,7 @@ class JunctionPlan:
             shift_m = beside_m / math.tan(abs(turning.angle_rad(self.turn)))
         half_m = _half_length_m(into)
         behind_mouth_m = self.reach_m if half_m is None else MOUTH_BEFORE_M + half_m
-        return self.mouth_ahead_m + behind_mouth_m - shift_m
+        return self.mouth_ahead_m + max(behind_mouth_m - shift_m, self._config.corner_m)
 
     @property
     def past_m(self) -> float:

@@ -40,13 +40,23 @@ def yaw_rate_radps(error_rad: float, config: TurnConfig) -> float:
     return min(max(rate, -config.yaw_rate_radps), config.yaw_rate_radps)
 
 
-def sweep_rad(seconds: float, sign: float, config: TurnConfig) -> float | None:
+def search_rad(turn: Turn, config: TurnConfig) -> float:
+    """Return how far around its nominal angle the road of a turn may lie.
+
+    What is nearer to straight on than to a turn's angle is the way straight on.
+    """
+    if is_straight(turn):
+        return config.search_rad
+    return min(config.search_rad, abs(angle_rad(turn)) / 2)
+
+
+def sweep_rad(seconds: float, sign: float, limit: float, config: TurnConfig) -> float | None:
     """Return where to look for the road `seconds` after the nominal angle, and relative to it.
 
-    First stay, then go on turning (`sign`), then back to the other side; None: searched enough.
+    First stay, then go on turning (`sign`) up to `limit`, then back to the other side; None:
+    searched enough.
     """
     path = (seconds - config.settle_s) * config.sweep_radps
-    limit = config.search_rad
     if path <= 0:
         return 0.0
     if path <= limit:
@@ -66,8 +76,10 @@ class RoadSight:
         self.direction_rad: float | None = None
         """Unwrapped yaw of the road seen last, agreed on or not."""
 
-    def look(self, road: RoadCommand, yaw: float, nominal: float, least: float) -> None:
-        """Take a follower's view from `yaw` of a road that is sought around `nominal`.
+    def look(
+        self, road: RoadCommand, yaw: float, nominal: float, within: float, least: float
+    ) -> None:
+        """Take a follower's view from `yaw` of a road that is sought `within` so much of `nominal`.
 
         A view of less confidence than `least`, or of a road too far from `nominal`, ends the row.
         A follower that gives no road is taken to yaw by one radian a second per radian of error.
@@ -77,7 +89,7 @@ class RoadSight:
             self.reset()
             return
         direction = yaw + heading
-        if abs(direction - nominal) > self._config.search_rad + self._config.sweep_step_rad:
+        if abs(direction - nominal) > within + self._config.sweep_step_rad:
             self.reset()
             return
         previous = self.direction_rad

@@ -164,8 +164,11 @@ class VisionFollower:
         points = zip(x, np.clip(line.y(x), -100, 100), strict=True)
         mouths, ends_m = (), None
         if self._far_view is not None and self._frames > KNOWN_FRAMES:
-            mouths = openings(self._far_view, self._far_view.from_above(probability), line)
-            ends_m = road_end_m(view, above, AHEAD * line.half_width_m)
+            far, half_m = self._far_view.from_above(probability), AHEAD * line.half_width_m
+            mouths = openings(self._far_view, far, line)
+            ends_m = road_end_m(view, above, half_m)
+            if ends_m is None:  # beyond the near view, but farther ahead it is less sure
+                ends_m = road_end_m(self._far_view, far, half_m)
         return RoadSeen(
             offset_m=line.offset_m,
             heading_rad=math.atan(line.heading),
