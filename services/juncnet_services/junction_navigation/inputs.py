@@ -1,5 +1,6 @@
 """What the navigator has been told, what of it is fresh, and what it refuses to obey."""
 
+import math
 from collections.abc import Mapping
 
 from juncnet.clocks import Instant, Offset, ReplayGate, age_s, is_stale, local_ns
@@ -101,6 +102,17 @@ class Inputs:
         """Whether the follower is sure enough to be believed on a junction's surface."""
         road = self.road
         return self.road_visible and road is not None and road.confidence >= CERTAIN
+
+    def road_towards_rad(self, yaw_rad: float) -> float:
+        """Return where from a robot that looks along `yaw_rad` the middle of the seen road lies.
+
+        Of a follower that tells no road: straight ahead.
+        """
+        seen = None if self.road is None else self.road.road
+        if seen is None or not seen.centre:
+            return yaw_rad
+        x_m, y_m = seen.centre[len(seen.centre) // 2]
+        return yaw_rad + math.atan2(y_m, x_m)
 
     def _see(self, header: Stamp) -> None:
         newest = self.header

@@ -37,6 +37,8 @@ STANDING_MPS = 0.35
 AXIS_S = 0.4
 HOLD_YAW_RADPS = 0.5
 WIDTH_WEIGHT = 0.2
+WAY_ON_RAD = math.radians(20)
+"""How far off its heading a robot that crosses a junction may first see the way on."""
 
 
 class Navigator:
@@ -226,13 +228,16 @@ class Navigator:
     def _sees_way_on(self) -> bool:
         """Return whether the follower's road is the way on, behind the middle of a junction.
 
-        It must have been sure once. The way straight on may bend: the heading held from then on,
-        while it is not seen, is the newest.
+        It must have been sure once of a road ahead. The way straight on may bend: the heading held
+        from then on, while it is not seen, is the newest.
         """
-        junction, inputs = self.progress.junction, self._inputs
+        state, junction, inputs = self.progress, self.progress.junction, self._inputs
         if junction is None or self._plan.mouth_ahead_m > -0.5 * self._plan.reach_m:
             return False
-        junction.way_seen = junction.way_seen or inputs.road_certain
+        axis = state.yaw_rad if state.axis_rad is None else state.axis_rad
+        aside_rad = inputs.road_towards_rad(state.yaw_rad) - axis
+        ahead = inputs.road_certain and abs(aside_rad) <= WAY_ON_RAD
+        junction.way_seen = junction.way_seen or ahead
         return junction.way_seen and inputs.road_visible
 
     def _begin_turn(self) -> None:
