@@ -19,7 +19,7 @@ from juncnet_services.recorder.pictures import Pictures
 from juncnet_services.recorder.session import Limits, begin
 
 NICENESS = 5
-"""The flight comes first: encoding takes what the flight leaves."""
+"""The flight comes first."""
 TICK_S = 0.05
 MB = 1_000_000
 
@@ -56,7 +56,7 @@ def run(bus: Bus, config: Config) -> None:
     pictures = Pictures(bus.frames_in(CAMERA_FRAME) if config.video else None, config)
     with closing(session):
         ears, disk = Ears(bus, config.features), DiskWatch(session, bus.health)
-        while bus.running and disk.has_room(bus.clock.now_ns()):
+        while (bus.running or pictures.busy) and disk.has_room(bus.clock.now_ns()):
             packet = pictures.next(bus.clock.now_ns(), TICK_S)
             if not config.video:
                 bus.wait(TICK_S)
