@@ -1,5 +1,6 @@
 """Was a simulated flight flown right? Pure: what was seen is held against the truth."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -147,15 +148,6 @@ class Judge:
         """Whether the mission has been reported finished."""
         return self._finished_ns is not None
 
-    def _turns_taken(self) -> int:
-        path = self._truths[-1].path if self._truths else ()
-        right = 0
-        for planned, driven in zip(self.plan.path[1:], path[1:], strict=False):
-            if planned != driven:
-                break
-            right += 1
-        return right
-
     def _time_s(self) -> float:
         if self._moved_ns is None:
             return 0.0
@@ -180,7 +172,7 @@ class Judge:
             junctions_true=truths[-1].junctions_passed if truths else 0,
             junctions_counted=self._counted,
             turns_planned=self.plan.turns,
-            turns_taken=self._turns_taken(),
+            turns_taken=ways_right(self.plan.path, truths[-1].path if truths else ()),
             on_road=float((off <= 0).mean()),
             off_road_max_m=float(off.max()),
             centre_rms_m=float(np.sqrt((offsets**2).mean())),
@@ -203,6 +195,16 @@ class Judge:
             flown_right=verdict == "flown_right",
             reasons=reasons,
         )
+
+
+def ways_right(planned: Sequence[int], driven: Sequence[int]) -> int:
+    """Return how many junctions were left by the planned road, up to the first that was not."""
+    right = 0
+    for wanted, taken in zip(planned[1:], driven[1:], strict=False):
+        if wanted != taken:
+            break
+        right += 1
+    return right
 
 
 def _rising_edges(flags: list[bool]) -> int:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juncnet.features import Extractor, Preprocessing
-from juncnet.messages import ActiveModel, EventKind
+from juncnet.frames import Frame
+from juncnet.messages import ActiveModel, EventKind, Stamp
 from juncnet.recording.reader import Recording
 from juncnet.recording.video import VideoDecoder
 from juncnet.topics import CAMERA_VIDEO
@@ -17,6 +18,8 @@ from juncnet_services.report.flight_data import Marked
 Picture = NDArray[np.uint8]
 WIDTH = 480
 RADON = "radon"
+LATE = 12
+"""Pictures: half a second."""
 
 
 @dataclass(frozen=True)
@@ -31,25 +34,35 @@ class KeyFrame:
 def key_frames(
     recording: Recording, events: Sequence[Marked], model: ActiveModel | None
 ) -> list[KeyFrame]:
-    """Return the key frame of every junction that was approached, as far as video was recorded."""
-    wanted = {
-        (m.event.header.epoch, m.event.header.sequence): m
-        for m in events
-        if m.event.kind is EventKind.APPROACHED
-    }
+    """Return the key frame of every junction that was approached, as far as video was recorded.
+
+    Where that very picture is missing in the video, it is the next one, at most `LATE` later.
+    """
+    waiting = [m for m in events if m.event.kind is EventKind.APPROACHED]
     extractor, channel = _extractor(model)
     decoder, found = VideoDecoder(), list[KeyFrame]()
     for item in recording.messages([CAMERA_VIDEO.key]):
         for frame in decoder.decode(item.message):
-            marked = wanted.get((frame.header.epoch, frame.header.sequence))
-            if marked is None:
-                continue
-            height = round(WIDTH * frame.height / frame.width)
-            picture = cv2.resize(frame.bgr(), (WIDTH, height), interpolation=cv2.INTER_AREA)
-            features = extractor(frame.luminance())[channel]
-            shown = _stretched(features, height)
-            found.append(KeyFrame(marked, np.asarray(picture, np.uint8), shown))
+            late = [(_late(frame.header, m), m) for m in waiting]
+            due = [(by, m) for by, m in late if by is not None and by >= 0]
+            for by, marked in due:
+                waiting.remove(marked)
+                if by <= LATE:
+                    found.append(_key_frame(frame, marked, extractor, channel))
     return found
+
+
+def _late(header: Stamp, marked: Marked) -> int | None:
+    """Return by how many pictures `header` is later than the event's; None: not comparable."""
+    wanted = marked.event.header
+    return header.sequence - wanted.sequence if header.epoch == wanted.epoch else None
+
+
+def _key_frame(frame: Frame, marked: Marked, extractor: Extractor, channel: int) -> KeyFrame:
+    height = round(WIDTH * frame.height / frame.width)
+    picture = cv2.resize(frame.bgr(), (WIDTH, height), interpolation=cv2.INTER_AREA)
+    features = extractor(frame.luminance())[channel]
+    return KeyFrame(marked, np.asarray(picture, np.uint8), _stretched(features, height))
 
 
 def _extractor(model: ActiveModel | None) -> tuple[Extractor, int]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from juncnet.recording.reader import Recording
 from juncnet_services.report.flight_data import FlightData
+from juncnet_services.report.flight_map import turn_words
 from juncnet_services.report.verdict import Verdict
 
 STYLE = """
@@ -115,7 +116,7 @@ def _events(data: FlightData) -> str:
             m.event.kind,
             m.event.count,
             m.event.label,
-            "" if m.event.turn is None else m.event.turn.turn or f"{m.event.turn.angle_deg:+.0f}°",
+            turn_words(m.event.turn),
             f"{m.event.probability:.2f}",
         )
         for m in data.events

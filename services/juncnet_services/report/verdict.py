@@ -1,9 +1,10 @@
 """What the ground truth says of a recorded flight, where there is any."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from juncnet_services.cli.judge import MAX_OFF_ROAD_M
+from juncnet_services.cli.judge import MAX_OFF_ROAD_M, ways_right
 from juncnet_services.report.flight_data import FlightData
 
 
@@ -15,8 +16,11 @@ class Verdict:
     figures: tuple[tuple[str, str], ...] = ()
 
 
-def verdict(data: FlightData) -> Verdict:
-    """Return how count and path were held against the truth; without truth, that there is none."""
+def verdict(data: FlightData, planned: Sequence[int] = ()) -> Verdict:
+    """Return how count, turns and path were held against the truth; or that there is none.
+
+    `planned`: the directed roads that the mission asks for, where the world is known.
+    """
     if not data.truths:
         return Verdict("There is no ground truth in this recording.")
     truths = [truth for _, truth in data.truths]
@@ -26,6 +30,12 @@ def verdict(data: FlightData) -> Verdict:
     wrong = data.counted - passed
     count = "exact" if wrong == 0 else f"wrong by {wrong:+d}"
     kept = "stayed on the road" if off_m <= MAX_OFF_ROAD_M else f"left the road by {off_m:.1f} m"
-    sentence = f"Against the ground truth: the count is {count}, the vehicle {kept}"
+    figures = [("passed in truth", str(passed)), ("furthest off", f"{off_m:.2f} m")]
+    ways = ""
+    if len(planned) > 1:
+        right = f"{ways_right(planned, truths[-1].path)} of {len(planned) - 1}"
+        ways = f" {right} junctions were left by the planned road,"
+        figures.insert(0, ("ways right", right))
+    sentence = f"Against the ground truth: the count is {count},{ways} the vehicle {kept}"
     sentence += f", {collided} collisions." if collided else "."
-    return Verdict(sentence, (("passed in truth", str(passed)), ("furthest off", f"{off_m:.2f} m")))
+    return Verdict(sentence, tuple(figures))
