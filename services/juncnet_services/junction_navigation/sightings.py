@@ -18,7 +18,7 @@ SURE_HEIGHTS = 1.5
 """A sure opening was seen while the robot went on by so many camera heights,"""
 SURE_FRAMES = 8
 """in so many pictures, and in more than it was missed in,"""
-SURE_PROBABILITY = 0.5
+SURE_PROBABILITY = 0.42
 """and with a mean score that does not deny it."""
 SAME_M = 5.0
 """Openings left and right that are no farther apart are of one junction."""
