@@ -34,7 +34,7 @@ from juncnet_services.junction_navigation.navigator import Navigator
 from juncnet_services.junction_navigation.odometry import Odometry
 from juncnet_services.junction_navigation.progress import Junction, Progress
 from juncnet_services.junction_navigation.speed import braking_mps, feasible, scaled
-from juncnet_services.junction_navigation.store import FILE_NAME, Store
+from juncnet_services.junction_navigation.store import FILE_NAME, Resumed, Store
 
 BAND = CameraGeometry().band
 MISSION = Mission(turns=(Turn(at=1, turn="left"),), finish_after=2)
@@ -261,6 +261,24 @@ def started() -> Navigator:
     assert decision.velocity == Velocity(forward_mps=3.0, yaw_rate_radps=0.2)
     assert decision.header == stamp(NOW)
     return navigator
+
+
+@pytest.mark.parametrize(("aside_m", "followed"), [(0.5, True), (3.5, False), (-3.5, False)])
+def test_a_road_beside_is_not_the_way_straight_on(aside_m: float, followed: bool) -> None:
+    """`aside_m`: of the middle of the road seen, 6 m ahead of a robot that crosses a junction."""
+    state = Progress(flight="f", configured=MISSION, mission=Mission(finish_after=5), count=2)
+    band = CameraGeometry().band
+    state.junction = Junction(rise_m=0.0, fall_m=band.d_far_m - band.d_near_m)
+    state.phase, state.axis_rad, state.odometer_m = Phase.CROSSING, 0.0, band.d_far_m + 4.0
+    navigator = Navigator(NavigatorConfig(), MISSION, "f", Resumed(state, ""))
+    seen = RoadSeen(
+        offset_m=0.0, heading_rad=0.0, width_m=6.0, centre=((2.0, 0.0), (6.0, aside_m), (9.0, 0.0))
+    )
+    command = road(1, NOW).model_copy(update={"road": seen})
+    decision = navigator.step(Instant(NOW, "c"), score(1, NOW), command, vehicle(2.0))
+    assert decision.state.phase is Phase.CROSSING
+    assert (decision.velocity.yaw_rate_radps > 0.1) is followed
+    assert decision.velocity.forward_mps == pytest.approx(2.0 if followed else 3.0)
 
 
 def test_stale_pictures_hold_with_a_reason() -> None:
