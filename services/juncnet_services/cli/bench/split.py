@@ -20,7 +20,7 @@ import numpy as np
 from juncnet.clocks import MAX_COMMAND_AGE_S, NS_PER_S
 from juncnet_services.cli.bench.split_flight import Heard, SplitFlight, log_tails
 from juncnet_services.cli.bench.two_hosts import CLOCK_AHEAD_S, TwoHosts, why_not
-from juncnet_services.cli.demo import prepare
+from juncnet_services.cli.demo import PATIENCE, prepare
 from juncnet_services.cli.link_tap import Told
 from juncnet_services.cli.provenance import provenance
 
@@ -129,7 +129,7 @@ def fly(hosts: TwoHosts, folder: Path, options: argparse.Namespace, kind: str) -
                 flight.listen(options.overload)
             figures["overload"] = ages(flight.ears.commands[first:])
             figures["outage"] = outage_figures(flight, hosts, options.outage)
-        flight.listen(2.5 * setup.plan.ideal_s + options.outage)
+        flight.listen_to_the_end(PATIENCE * setup.plan.ideal_s + options.outage)
         commands = flight.ears.commands
         if kind != "disturbed":
             figures["calm"] = ages(commands[calm:])
@@ -143,9 +143,9 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     """Return the parsed command line."""
     parser = argparse.ArgumentParser(prog="juncnet bench split", description=__doc__)
     parser.add_argument("--rate", type=float, default=40.0, help="of the link [Mbit/s]")
-    parser.add_argument("--size", default="1280x720", help="of the pictures")
+    parser.add_argument("--size", default="856x480", help="of the pictures; a Bebop 2's")
     parser.add_argument("--video", type=float, default=8.0, help="of the camera [Mbit/s]")
-    parser.add_argument("--seed", type=int, default=24, help="of the world")
+    parser.add_argument("--seed", type=int, default=1, help="of the world")
     parser.add_argument("--overload", type=float, default=25.0, help="for so long [s]")
     parser.add_argument("--outage", type=float, default=3.0, help="for so long [s]")
     parser.add_argument("--delay", type=float, default=0.1, help="there and back together [s]")

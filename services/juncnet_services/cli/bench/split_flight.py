@@ -24,7 +24,7 @@ from juncnet.topics import (
 )
 from juncnet_services.cli.bench.measured import cpu_s
 from juncnet_services.cli.bench.two_hosts import ADDRESS, CLOCK_AHEAD_S, DRONE, LAPTOP, TwoHosts
-from juncnet_services.cli.demo import Setup, mission_toml
+from juncnet_services.cli.demo import AFTER_FINISH_S, Setup, mission_toml
 from juncnet_services.cli.judge import Judge
 from juncnet_services.cli.link_tap import LinkTap
 from juncnet_services.cli.supervise import Supervisor
@@ -151,6 +151,13 @@ class SplitFlight:
         """Listen for so long, or until the mission has ended."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0 and not self.ears.judge.finished:
+            self.ears.hear(min(left, 0.05))
+
+    def listen_to_the_end(self, limit_s: float) -> None:
+        """Listen until the mission has ended and what is judged of its end has happened."""
+        self.listen(limit_s)
+        deadline = time.monotonic() + AFTER_FINISH_S
+        while (left := deadline - time.monotonic()) > 0:
             self.ears.hear(min(left, 0.05))
 
     def until_moving(self, limit_s: float = 60.0) -> bool:
