@@ -145,7 +145,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--rate", type=float, default=40.0, help="of the link [Mbit/s]")
     parser.add_argument("--size", default="856x480", help="of the pictures; a Bebop 2's")
     parser.add_argument("--video", type=float, default=8.0, help="of the camera [Mbit/s]")
-    parser.add_argument("--seed", type=int, default=1, help="of the world")
+    parser.add_argument("--seed", type=int, default=24, help="of the world")
     parser.add_argument("--overload", type=float, default=25.0, help="for so long [s]")
     parser.add_argument("--outage", type=float, default=3.0, help="for so long [s]")
     parser.add_argument("--delay", type=float, default=0.1, help="there and back together [s]")
