@@ -37,7 +37,7 @@ STANDING_MPS = 0.35
 AXIS_S = 0.4
 HOLD_YAW_RADPS = 0.5
 WIDTH_WEIGHT = 0.2
-WAY_ON_RAD = math.radians(20)
+WAY_ON_RAD = math.radians(35)
 """How far off its heading a robot that crosses a junction may first see the way on."""
 
 
