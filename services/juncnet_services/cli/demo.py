@@ -5,6 +5,7 @@ machine was too slow for the simulation).
 """
 
 import argparse
+import importlib.util
 import json
 import shutil
 import sys
@@ -14,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-import cv2
 from rich.console import Console
 from rich.live import Live
 
@@ -23,7 +23,8 @@ from juncnet.bus import Bus, Inbox
 from juncnet.flight import Flight, new_flight
 from juncnet.launch import connect
 from juncnet.layout import SAVED, Layout, LayoutError, load_layout
-from juncnet.messages import Health, JunctionEvent, Mission
+from juncnet.messages import Health, Mission
+from juncnet.recording import MISSING
 from juncnet.simulation.routes import Route, ideal_time_s, plan_mission, route_of
 from juncnet.simulation.towns import WORLD_NAMES, named_world, random_world
 from juncnet.simulation.world import World
@@ -38,14 +39,11 @@ from juncnet.topics import (
     health_topic,
 )
 from juncnet_services.cli.judge import Judge, Plan, Summary
-from juncnet_services.cli.picture import Picture, flight_picture
 from juncnet_services.cli.supervise import Supervisor
 from juncnet_services.cli.view import Watched, event_text, render
 from juncnet_services.dashboard.service import Config as PageConfig
 from juncnet_services.dashboard.service import page_url
 from juncnet_services.junction_navigation.missions import load_mission
-from juncnet_services.simulator.setup import Config as SimulatorConfig
-from juncnet_services.simulator.setup import make_camera, make_world
 
 LAYOUTS = {"copter": "local", "rover": "rover"}
 CRUISE_MPS = {"copter": 3.0, "rover": 2.0}
@@ -135,7 +133,6 @@ class Demo:
         self.layout.save(directory / SAVED)
         self.supervisor = Supervisor(directory)
         self.judge = Judge(setup.plan, setup.world.name, setup.vehicle)
-        self.events: list[JunctionEvent] = []
         self.watched = Watched(
             f"{setup.world.name}, {setup.vehicle}: {setup.route.mission.name}",
             tuple(road.centre for road in setup.world.roads.values()),
@@ -174,14 +171,6 @@ class Demo:
                     live.update(render(self.watched), refresh=True)
         return self.judge.summary()
 
-    def picture(self, summary: Summary) -> Picture:
-        """Return the picture of the flight: a junction as the camera saw it, and the map."""
-        simulator = self.layout.section("simulator", SimulatorConfig)
-        truths = self.judge.truths
-        return flight_picture(
-            make_world(simulator), make_camera(simulator), truths, self.events, summary
-        )
-
     def _hear(self, ears: "_Ears", verbose: bool) -> None:
         for _, truth in ears.truth.drain():
             self.judge.truth(truth)
@@ -191,7 +180,6 @@ class Demo:
             self.judge.command(command)
         for _, event in ears.event.drain():
             self.judge.event(event)
-            self.events.append(event)
             self.watched.events.append(event)
             if verbose:
                 print(event_text(event), file=sys.stderr, flush=True)
@@ -255,7 +243,6 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--for", type=float, dest="limit", metavar="SECONDS", help="end after")
     parser.add_argument("--headless", action="store_true", help="no live view; events as lines")
     parser.add_argument("--json", action="store_true", help="print the summary as one object")
-    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the flight")
     parser.add_argument(
         "--dashboard",
         action=argparse.BooleanOptionalAction,
@@ -275,6 +262,9 @@ def arguments(argv: list[str]) -> argparse.Namespace:
 def main(argv: list[str]) -> int:
     """Fly and print the summary."""
     options = arguments(argv)
+    if options.record and importlib.util.find_spec("mcap") is None:
+        print(f"juncnet demo: {MISSING}", file=sys.stderr)
+        return 2
     try:
         mission = load_mission(options.mission) if options.mission else None
         setup = prepare(options.vehicle, options.world, options.seed, mission, options.set)
@@ -299,8 +289,6 @@ def main(argv: list[str]) -> int:
     finally:
         if not options.keep:
             demo.discard()
-    if options.picture and demo.judge.truths:
-        cv2.imwrite(str(options.picture), demo.picture(summary))
     print(summary.model_dump_json(indent=2) if options.json else summary_text(summary))
     if options.keep:
         print(f"logs: {demo.flight.directory}", file=sys.stderr)
