@@ -263,7 +263,7 @@ def started() -> Navigator:
     return navigator
 
 
-@pytest.mark.parametrize(("aside_m", "followed"), [(0.5, True), (3.5, False), (-3.5, False)])
+@pytest.mark.parametrize(("aside_m", "followed"), [(0.5, True), (4.8, False), (-4.8, False)])
 def test_a_road_beside_is_not_the_way_straight_on(aside_m: float, followed: bool) -> None:
     """`aside_m`: of the middle of the road seen, 6 m ahead of a robot that crosses a junction."""
     state = Progress(flight="f", configured=MISSION, mission=Mission(finish_after=5), count=2)

@@ -109,9 +109,17 @@ def test_a_turn_is_made_in_the_middle_of_its_opening() -> None:
 def test_a_skewed_road_is_met_before_it_crosses_the_edge() -> None:
     state = progress(Turn(at=1, angle_deg=60))
     state.count = 1
-    state.junction = Junction(rise_m=0.0, rise_seen=False, sightings=[sighting(12.0, 18.0)])
+    state.junction = Junction(rise_m=0.0, rise_seen=False, sightings=[sighting(12.0, 20.0)])
     shift_m = (3.0 + BESIDE_M) / math.tan(math.radians(60))
-    assert plan(state).start_ahead_m == pytest.approx(15.0 - shift_m)
+    assert plan(state).start_ahead_m == pytest.approx(16.0 - shift_m)
+
+
+def test_a_slight_turn_begins_behind_the_corners() -> None:
+    state = progress(Turn(at=1, angle_deg=40))
+    state.count = 1
+    state.junction = Junction(rise_m=0.0, rise_seen=False, sightings=[sighting(12.0, 15.0)])
+    ahead = plan(state)
+    assert ahead.start_ahead_m == pytest.approx(ahead.mouth_ahead_m + NavigatorConfig().corner_m)
 
 
 def test_no_turn_begins_behind_the_end_of_the_road() -> None:
