@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_messages import CARRIERS, EXAMPLES
 
+from decoders import mutated
 from juncnet import topics as t
 from juncnet.messages import BulkMessage, Message, MessageError
 
@@ -20,18 +21,6 @@ JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=12), inner),
     max_leaves=12,
-)
-STRANGE = (
-    b"null",
-    b"NaN",
-    b"-Infinity",
-    b"1e999",
-    b"\xff",
-    b'"',
-    b"{",
-    b"]",
-    b"\\u0000",
-    b"9" * 40,
 )
 
 
@@ -83,25 +72,6 @@ def test_json_that_is_nested_too_deep(depth: int) -> None:
         text = b'{"header":' * depth
         assert survives(topic, text, text) is None
         assert survives(topic, b"[" * depth + b"]" * depth, b"[" * depth) is None
-
-
-def mutated(text: bytes, chance: random.Random) -> bytes:
-    """Return `text` with a byte changed, a piece removed, repeated or replaced."""
-    at = chance.randrange(len(text) + 1)
-    upto = min(len(text), at + chance.randrange(12))
-    match chance.randrange(5):
-        case 0:
-            middle = bytes([chance.randrange(256)])
-            upto = at + 1
-        case 1:
-            middle = b""
-        case 2:
-            middle = 2 * text[at:upto]
-        case 3:
-            middle = chance.choice(STRANGE)
-        case _:
-            middle = str(chance.choice((-1, 0, 2**63, -(2**63), 1e308, 2**70))).encode()
-    return text[:at] + middle + text[upto:]
 
 
 @pytest.mark.parametrize("count", [100, pytest.param(65_000, marks=pytest.mark.full)])

@@ -132,10 +132,10 @@ def test_arbitrary_answers_are_refused_or_understood(data: bytes) -> None:
     ours, camera = socket.socketpair()
     with ours, camera:
         camera.sendall(data)
-        camera.close()
+        camera.shutdown(socket.SHUT_WR)
         ours.settimeout(1.0)
         talk = Conversation(ours, "rtsp://camera/live")
-        with pytest.raises((RtspError, OSError)):
+        with pytest.raises(RtspError):
             ask_for_ever(talk)
 
 

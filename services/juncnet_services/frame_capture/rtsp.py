@@ -61,7 +61,10 @@ def find_video(description: str, base: str) -> Track:
         control = re.search(r"(?m)^a=control:(\S+)", media)
         sprop = re.search(r"sprop-parameter-sets=([A-Za-z0-9+/=,]+)", media)
         sets = tuple(_decoded(word) for word in sprop[1].split(",")) if sprop else ()
-        url = urljoin(base if base.endswith("/") else base + "/", control[1] if control else "")
+        try:
+            url = urljoin(base if base.endswith("/") else base + "/", control[1] if control else "")
+        except ValueError as error:
+            raise RtspError(f"a=control: {error}") from error
         return Track(url, int(found[1]), tuple(nal for nal in sets if nal))
     raise RtspError("no H.264 video in what the camera describes")
 
@@ -129,7 +132,7 @@ class Conversation:
         pairs = (line.partition(":") for line in rest if ":" in line)
         headers = {name.strip().lower(): value.strip() for name, _, value in pairs}
         length = headers.get("content-length", "0")
-        if not length.isdigit() or int(length) > MAX_HEADER:
+        if not re.fullmatch("[0-9]{1,9}", length) or int(length) > MAX_HEADER:
             raise RtspError(f"an answer of {length[:20]} bytes")
         return Answer(int(status[1]), headers, self._take(int(length)))
 
