@@ -1,5 +1,6 @@
 """The packages that users begin with: what is written works as it is."""
 
+import json
 import os
 import subprocess
 import sys
@@ -7,13 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from juncnet_services.cli import check_follower
+from juncnet_services.cli import check_follower, check_vehicle
 from juncnet_services.cli.kits import main
+from juncnet_services.command_output.vehicles.log import LogVehicle
 from juncnet_services.kits import write_kit
 
 
-def test_the_kits_own_tests_pass(tmp_path: Path) -> None:
-    assert main(["my_own", "--into", str(tmp_path)]) == 0
+@pytest.mark.parametrize("kit", ["follower", "vehicle"])
+def test_the_kits_own_tests_pass(kit: str, tmp_path: Path) -> None:
+    assert main([f"new-{kit}", "my_own", "--into", str(tmp_path)]) == 0
     package = tmp_path / "my_own"
     text = "\n".join(path.read_text() for path in package.rglob("*") if path.is_file())
     assert "{name}" not in text
@@ -27,13 +30,56 @@ def test_the_kits_own_tests_pass(tmp_path: Path) -> None:
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_kit("follower", "mine", tmp_path)
-    assert main(["mine", "--into", str(tmp_path)]) == 2
+    assert main(["new-follower", "mine", "--into", str(tmp_path)]) == 2
     assert "is there already" in capsys.readouterr().err
 
 
 def test_a_name_that_is_no_package_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["My-Follower"]) == 2
+    assert main(["new-vehicle", "My-Vehicle"]) == 2
     assert "small letters" in capsys.readouterr().err
+
+
+def test_a_kits_vehicle_keeps_its_contract(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_kit("vehicle", "driven", tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path / "driven"), *sys.path])
+    code = check_vehicle.main(["driven.vehicle:Driven", "--peer", "address", "--json"])
+    found = {j["about"]: j for j in json.loads(capsys.readouterr().out)}
+    assert [j for j in found.values() if j["passed"] is False] == []
+    assert code == 0
+    assert found["take_off"]["passed"]
+    assert found["guarded"]["passed"]
+
+
+def test_a_vehicle_that_moves_by_itself_fails(capsys: pytest.CaptureFixture[str]) -> None:
+    assert check_vehicle.main([f"{__name__}:Eager", "--json"]) == 1
+    found = {j["about"]: j for j in json.loads(capsys.readouterr().out)}
+    assert not found["never raises"]["passed"]
+    assert "unplugged" in found["never raises"]["text"]
+
+
+class Eager(LogVehicle):
+    """A vehicle whose driver lets an error of its link through."""
+
+    def land(self) -> None:
+        raise OSError("unplugged")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["absent_module:Nobody"], "absent_module"),
+        (["log", "--set", "kind=submarine"], "options.kind"),
+        (["log", "--peer", "address"], "options.address"),
+        (["log", "--set", "kind"], "OPTION=VALUE"),
+    ],
+)
+def test_a_vehicle_that_cannot_be_checked_is_named(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check_vehicle.main(words) == 2
+    assert said in capsys.readouterr().err
 
 
 def test_a_follower_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str]) -> None:

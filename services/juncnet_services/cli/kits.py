@@ -1,4 +1,4 @@
-"""`juncnet new-follower NAME`: writes a package to begin with."""
+"""`juncnet new-follower NAME`, `juncnet new-vehicle NAME`: write a package to begin with."""
 
 import argparse
 import sys
@@ -8,23 +8,23 @@ from juncnet_services.kits import write_kit
 
 
 def main(argv: list[str]) -> int:
-    """Write the package; 2 when its name or place cannot be used."""
+    """Write the package that the command, `argv[0]`, names; 2 when its name or place is no good."""
+    command, kit = argv[0], argv[0].removeprefix("new-")
     parser = argparse.ArgumentParser(
-        prog="juncnet new-follower",
-        description="Writes a package with a follower, its test, a README.",
+        prog=f"juncnet {command}",
+        description=f"Writes a package with a {kit}, its test, a README.",
     )
     parser.add_argument("name", help="of the package: small letters, digits, _")
     parser.add_argument("--into", type=Path, default=Path(), help="folder (default: here)")
-    options = parser.parse_args(argv)
+    options = parser.parse_args(argv[1:])
     try:
-        written = write_kit("follower", options.name, options.into)
+        written = write_kit(kit, options.name, options.into)
     except FileExistsError:
-        print(
-            f"juncnet new-follower: {options.into / options.name} is there already", file=sys.stderr
-        )
+        where = options.into / options.name
+        print(f"juncnet {command}: {where} is there already", file=sys.stderr)
         return 2
     except (ValueError, OSError) as error:
-        print(f"juncnet new-follower: {error}", file=sys.stderr)
+        print(f"juncnet {command}: {error}", file=sys.stderr)
         return 2
     print("\n".join(str(path) for path in written))
     return 0

@@ -30,6 +30,8 @@ COMMANDS = {
     "report": ("report", "write the report of a recorded flight as one HTML file"),
     "new-follower": ("kits", "write a package with a road follower of your own"),
     "check-follower": ("check_follower", "fly a road follower through worlds and score it"),
+    "new-vehicle": ("kits", "write a package with a vehicle's driver of your own"),
+    "check-vehicle": ("check_vehicle", "put a vehicle's driver through its contract"),
     "evaluate": ("evaluate", "judge a model on labelled pictures"),
     "compare": ("compare", "train kNN, SVM, AlexNet, VGG and JuncNet on the same pictures"),
     "ablate": ("ablate", "train with one step of the preprocessing changed at a time"),

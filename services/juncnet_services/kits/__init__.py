@@ -1,4 +1,4 @@
-"""Packages that users begin with: `juncnet new-follower`.
+"""Packages that users begin with, and what a driver of theirs is held against.
 
 A kit is a folder of templates: `{name}` and `{class_name}` in its files are replaced, and `NAME` in
 their names.
