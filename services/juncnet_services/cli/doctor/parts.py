@@ -114,7 +114,8 @@ def answers(name: str, asked: Vehicle) -> Iterator[Finding]:
             break
         time.sleep(0.1)
     if asked.trouble:
-        yield failure("vehicle", f"{name}: {asked.trouble}", "as it says; then look again")
+        what, _, remedy = asked.trouble.partition(": ")
+        yield failure("vehicle", f"{name}: {what}", remedy or "then look again")
     elif telemetry is None and asked.capabilities.telemetry:
         yield failure("vehicle", f"{name} does not answer", "is it on, and its address right?")
     else:

@@ -107,7 +107,8 @@ class MavlinkCore:
                 "no heartbeat of a PX4 or ArduPilot yet: check the cable, the port, the baud rate"
             )
         if seen.kind != self.flight.kind:
-            return f"the autopilot flies a {seen.kind}, the layout says {self.flight.kind}"
+            own = self.flight.kind
+            return f"the autopilot flies a {seen.kind}, the layout a {own}: set options.kind"
         if self._reading:
             return "the autopilot's failsafe parameters are being read"
         found = findings(
