@@ -14,7 +14,9 @@ import pytest
 
 from bebop_drone import Drone, flying_drone
 from juncnet.messages import OverrideKind, Velocity
+from juncnet.simulation.dynamics import CALM, Copter, Motion
 from juncnet_services.command_output.vehicles import arsdk
+from juncnet_services.simulator.drone import Drone as SimulatedDrone
 from vehicle_rig import Rig, rig, until
 
 AHEAD = Velocity(forward_mps=1.0)
@@ -135,3 +137,51 @@ def test_an_ordered_end_leaves_it_held(vehicle: Any) -> None:
         assert run.process.wait(10) == 0
         assert seen.setpoints()[-1][1]
         until(lambda: seen.speed_mps() < 0.15, "does not come to rest")
+
+
+def both_dead(run: Rig) -> float:
+    """Kill the guard and command_output at once; return when."""
+    guard = run.guard()
+    guard.kill()
+    run.process.kill()
+    return time.monotonic()
+
+
+@pytest.mark.full
+def test_both_dead_a_bebop_keeps_its_last_pcmd() -> None:
+    with bebop() as (layout, seen), rig(layout) as run:
+        fly(run, seen)
+        dead_s = both_dead(run)
+        while time.monotonic() < dead_s + 3:
+            assert seen.speed_mps() > 0.5
+            time.sleep(0.05)
+        assert seen.setpoints()[-1][0] < dead_s + 0.1
+
+
+@pytest.mark.full
+def test_both_dead_an_autopilot_does_what_its_parameters_say() -> None:
+    with px4() as (layout, seen), rig(layout) as run:
+        fly(run, seen)
+        dead_s = both_dead(run)
+        until(lambda: seen.speed_mps() < 0.3, "does not come to rest")
+        assert 0.9 < time.monotonic() - dead_s < 3.0  # COM_OF_LOSS_T is 1
+
+
+@pytest.mark.full
+def test_both_dead_the_simulated_vehicle_goes_on_for_its_time() -> None:
+    with rig("[command_output]\nvehicle = 'simulated'\n") as run:
+        start = Motion(0.0, 0.0, 3.0, 0.0)
+        drone = SimulatedDrone(Copter(drift=CALM), start, 2.0, time.monotonic_ns(), True)
+
+        def speed_mps() -> float:
+            return drone.at(time.monotonic_ns()).forward_mps
+
+        with drone.linked(run.flight.directory, time.monotonic_ns):
+            run.velocity = AHEAD
+            until(lambda: speed_mps() > 0.7, "does not go ahead")
+            dead_s = both_dead(run)
+            while time.monotonic() < dead_s + 1.5:
+                assert speed_mps() > 0.5
+                time.sleep(0.02)
+            until(lambda: speed_mps() < 0.1, "does not hover")
+            assert time.monotonic() - dead_s > 1.8
