@@ -19,7 +19,7 @@ from juncnet_services.command_output.vehicles import Vehicle, open_vehicle
 
 pytest.importorskip("pymavlink", reason="extra [mavlink] is not installed")
 
-from autopilot import FLIES_ON, STRICT, Autopilot, flying
+from autopilot import FLIES_ON, ROVER, STRICT, Autopilot, flying
 from juncnet_services.command_output.guard_link import GuardLink
 
 
@@ -80,6 +80,44 @@ def test_a_flight_over_udp_at_20_hz_that_ends_in_the_autopilots_hold(tmp_path: P
         assert seen is not None
         assert seen.flying
     assert pilot.mode == (4, 3)
+
+
+def test_the_drivers_own_watchdog_stops_what_is_not_commanded_anew(tmp_path: Path) -> None:
+    pilot = Autopilot("copter", STRICT, px4=True)
+    with linked(pilot, tmp_path, take_off_m=1.0) as (vehicle, autopilot):
+        airborne(vehicle, autopilot)
+        until(lambda: autopilot.height_m > 0.9, "does not climb")
+        drive(vehicle, 1.5)
+        assert math.hypot(autopilot.setpoints[-1][1].vx, autopilot.setpoints[-1][1].vy) > 0.5
+        last_s = time.monotonic()
+        until(lambda: autopilot.setpoints[-1][1].vx == 0, "goes on")
+        assert autopilot.setpoints[-1][0] - last_s < 0.3
+        until(lambda: math.hypot(*autopilot.velocity[:2]) < 0.1, "does not stand still")
+        assert autopilot.offboard
+
+
+def test_an_end_that_lands(tmp_path: Path) -> None:
+    pilot = Autopilot("copter", STRICT, px4=True)
+    with linked(pilot, tmp_path, take_off_m=1.0, at_end="land") as (vehicle, autopilot):
+        airborne(vehicle, autopilot)
+        drive(vehicle, 0.5)
+    told = [m.vx for _, m in pilot.setpoints[-3:]]
+    assert told == [0, 0, 0]
+    assert pilot.mode == (4, 6)
+
+
+@pytest.mark.parametrize(("at_end", "armed", "mode"), [("hold", True, 4), ("land", False, 15)])
+def test_an_end_of_a_rover(tmp_path: Path, at_end: str, armed: bool, mode: int) -> None:
+    pilot = Autopilot("rover", ROVER, px4=False)
+    with linked(pilot, tmp_path, at_end=at_end) as (vehicle, autopilot):
+        until(lambda: vehicle.trouble == "", vehicle.trouble)
+        vehicle.take_off()
+        deadline_s = time.monotonic() + 15
+        while math.hypot(*autopilot.velocity[:2]) < 0.3:
+            assert time.monotonic() < deadline_s, "does not go"
+            drive(vehicle, 0.08)
+    assert math.hypot(pilot.setpoints[-1][1].vx, pilot.setpoints[-1][1].vy) == 0
+    assert (pilot.armed, pilot.mode) == (armed, (mode, 0))
 
 
 def test_the_guard_holds_height_and_mode_with_the_newest_packet(tmp_path: Path) -> None:
