@@ -38,6 +38,11 @@ def seconds_of_video(folder: Path) -> float:
     return (items[-1].time_ns - items[0].time_ns) / 1e9 if items else 0.0
 
 
+def finished_on_disk(folder: Path) -> bool:
+    events = recorded_events(open_recording(folder))
+    return any(event.kind is EventKind.MISSION_FINISHED for event in events)
+
+
 def test_a_killed_recorder_loses_at_most_the_last_second(tmp_path: Path, folder: Path) -> None:
     with Flying(prepare("copter", None, 24, None, SMALL_CAMERA)) as flying:
         flying.all_report()
@@ -64,7 +69,9 @@ def test_a_killed_recorder_loses_at_most_the_last_second(tmp_path: Path, folder:
 
 
 @pytest.mark.full
-def test_a_replay_gives_the_events_of_the_flight(tmp_path: Path, folder: Path) -> None:
+def test_a_replay_of_a_killed_recorders_file_gives_the_events_of_the_flight(
+    tmp_path: Path, folder: Path
+) -> None:
     mission = Mission(name="two", finish_after=2)
     with Flying(prepare("copter", None, 24, mission, CAMERA)) as flying:
         flying.all_report()
@@ -77,9 +84,11 @@ def test_a_replay_gives_the_events_of_the_flight(tmp_path: Path, folder: Path) -
             return EventKind.MISSION_FINISHED in finished
 
         flying.until(over, "the mission is finished", 120.0)
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(10) == 0
+        flying.until(lambda: finished_on_disk(tmp_path), "the end of the mission is on disk", 10.0)
+        process.kill()
+        process.wait(5)
     recording = open_recording(tmp_path)
+    assert not is_complete(recording.files[0])
     flown = [(e.kind, e.count) for e in recorded_events(recording)]
     assert flown[-1][0] is EventKind.MISSION_FINISHED
     report = check(recording, [])

@@ -12,9 +12,10 @@ from typing import Any
 
 from juncnet.assets import asset_path
 from juncnet.flight import new_flight
+from juncnet.frames import Frame
 from juncnet.launch import connect
 from juncnet.layout import SAVED, Layout, load_layout
-from juncnet.links import ROUTER
+from juncnet.links import ROUTER, member
 from juncnet.messages import JunctionEvent, NavigationState
 from juncnet.recording.reader import Recorded, Recording, RecordingError
 from juncnet.recording.timeline import Shift, due, epochs_of, restamped
@@ -26,14 +27,20 @@ from juncnet.topics import (
     MODEL_ACTIVE,
     NAVIGATION_STATE,
     VEHICLE_STATE,
+    health_topic,
 )
 from juncnet.zenoh_bus import ZenohBus
-from juncnet_services.cli.demo import mission_toml
+from juncnet_services.cli.demo import DASHBOARD, RECORDER, mission_toml
+from juncnet_services.cli.replay_pictures import ViewerPictures
 from juncnet_services.cli.supervise import Supervisor
 
 REPLAYED = ("radon_preprocessing", "junction_inference", "road_following", "junction_navigation")
 """The services between what a camera and a vehicle say and what the vehicle is told."""
 INPUTS = (CAMERA_VIDEO.key, VEHICLE_STATE.key)
+CAMERA = "frame_capture"
+"""Who we are for viewers: the first of the services."""
+LIVE = tuple(health_topic(name) for name in (ROUTER, DASHBOARD, RECORDER))
+"""What viewers do not get: such processes may run now, and tell of themselves."""
 START_S = 60.0
 AFTER_S = 2.0
 CAPACITY = 1000
@@ -151,25 +158,33 @@ def show(recording: Recording, speed: float, wait: Callable[[], None] | None) ->
     options = layout.launch.model_copy(update={"robot": recording.robot})
     with (
         tempfile.TemporaryDirectory(prefix="jn-") as folder,
-        _joined(layout.model_copy(update={"launch": options}), Path(folder)) as bus,
+        _joined(layout.model_copy(update={"launch": options}), Path(folder), CAMERA) as bus,
     ):
         print(f"replaying in {bus.flight_dir}: juncnet events, juncnet dashboard", file=sys.stderr)
         _play(bus, recording, None, speed, wait)
 
 
 @contextmanager
-def _joined(layout: Layout, folder: Path) -> Generator[ZenohBus]:
-    """Start the processes of a layout, join them, and end them afterwards."""
+def _joined(layout: Layout, folder: Path, name: str = "") -> Generator[ZenohBus]:
+    """Start the processes of a layout, join them, and end them afterwards.
+
+    `name`: of the process that we stand for. Tools that visit the flight find us by it; as visitors
+    of the flight ourselves we would be heard by its processes only.
+    """
     path = folder / SAVED
     layout.save(path)
-    flight = new_flight(layout.launch.robot, layout.processes)
+    flight = new_flight(layout.launch.robot, (*layout.processes, *([name] if name else [])))
     supervisor = Supervisor(flight.directory)
     state = f'launch.state_dir="{flight.directory}/state"'
     arguments = ["--layout", str(path), "--flight-dir", str(flight.directory), "--set", state]
     try:
         supervisor.start(layout.processes, arguments, foreground=True)
-        with connect(flight.directory, timeout_s=START_S) as bus:
-            yield bus
+        if name:
+            with ZenohBus(member(flight, name), flight, name, flight.directory) as bus:
+                yield bus
+        else:
+            with connect(flight.directory, timeout_s=START_S) as bus:
+                yield bus
     finally:
         supervisor.stop()
         shutil.rmtree(flight.directory, ignore_errors=True)
@@ -197,9 +212,11 @@ def _play(
     epochs = epochs_of(recording.messages([CAMERA_VIDEO.key]))
     if not epochs:
         raise RecordingError(f"{recording.files[0]}: it holds no video")
-    shift: Shift | None = None
+    viewers, shift = ViewerPictures(bus) if topics is None else None, None
     began = time.monotonic()
     for due_s, item in due(recording.messages(topics), speed):
+        if viewers is not None and item.topic in LIVE:
+            continue
         if wait is None:
             time.sleep(max(0.0, began + due_s - time.monotonic()))
         if shift is None or wait is not None:
@@ -212,6 +229,10 @@ def _play(
                 loan = writer.loan(frame.layout)
                 loan.pixels[:] = frame.pixels
                 loan.send(header)
+                if viewers is not None:
+                    viewers.show(Frame(header, frame.layout, frame.pixels))
+        if viewers is not None and item.topic.key == MODEL_ACTIVE.key:
+            viewers.serve(item.message)
         if topics is None or item.topic.key != CAMERA_VIDEO.key:
             bus.publish(item.topic, restamped(item.message, shift))
 
