@@ -9,6 +9,7 @@ import argparse
 import json
 import sys
 import tempfile
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -58,14 +59,12 @@ def check(vehicle: str, settings: dict[str, Any], peer_option: str | None) -> li
         ValueError: there is no such driver, or it does not take these options.
         RuntimeError: command_output does not start with it.
     """
-    with tempfile.TemporaryDirectory(prefix="jn-") as folder:
-        if peer_option is None:
-            check_options(vehicle, settings)
-            return judge(fly(vehicle, settings, None, Path(folder)), Limits())
-        with Peer() as peer:
-            settings[peer_option] = peer.address
-            check_options(vehicle, settings)
-            return judge(fly(vehicle, settings, peer, Path(folder)), Limits())
+    with tempfile.TemporaryDirectory(prefix="jn-") as folder, ExitStack() as stack:
+        peer = None if peer_option is None else stack.enter_context(Peer())
+        if peer_option is not None and peer is not None:
+            settings = settings | {peer_option: peer.address}
+        check_options(vehicle, settings)
+        return judge(fly(vehicle, settings, peer, Path(folder)), Limits())
 
 
 def _setting(text: str) -> tuple[str, Any]:
