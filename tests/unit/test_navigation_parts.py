@@ -187,7 +187,8 @@ def test_the_way_straight_on_is_no_turns_road() -> None:
     for number in range(6, 11):
         sight.look(road(number, number), 0.5, math.radians(40), within, 0.3)
     assert sight.agreed_rad == pytest.approx(0.5)
-    assert turning.search_rad(Turn(at=1, turn="straight"), config) == config.search_rad
+    for turn in ("straight", "right"):  # a road to the right may lie at 40 degrees
+        assert turning.search_rad(Turn(at=1, turn=turn), config) == config.search_rad
 
 
 def test_agreement_takes_frames_in_a_row() -> None:
@@ -263,17 +264,27 @@ def started() -> Navigator:
     return navigator
 
 
-@pytest.mark.parametrize(("aside_m", "followed"), [(0.5, True), (4.8, False), (-4.8, False)])
-def test_a_road_beside_is_not_the_way_straight_on(aside_m: float, followed: bool) -> None:
+@pytest.mark.parametrize(
+    ("aside_m", "ends_m", "followed"),
+    [
+        (0.5, None, True),
+        (4.8, None, False),
+        (-4.8, None, False),
+        (4.8, 12.0, False),
+        (4.8, 5.0, True),
+    ],
+)
+def test_a_road_beside_is_the_way_straight_on_where_nothing_goes_on_ahead(
+    aside_m: float, ends_m: float | None, followed: bool
+) -> None:
     """`aside_m`: of the middle of the road seen, 6 m ahead of a robot that crosses a junction."""
     state = Progress(flight="f", configured=MISSION, mission=Mission(finish_after=5), count=2)
     band = CameraGeometry().band
     state.junction = Junction(rise_m=0.0, fall_m=band.d_far_m - band.d_near_m)
     state.phase, state.axis_rad, state.odometer_m = Phase.CROSSING, 0.0, band.d_far_m + 4.0
     navigator = Navigator(NavigatorConfig(), MISSION, "f", Resumed(state, ""))
-    seen = RoadSeen(
-        offset_m=0.0, heading_rad=0.0, width_m=6.0, centre=((2.0, 0.0), (6.0, aside_m), (9.0, 0.0))
-    )
+    centre = ((2.0, 0.0), (6.0, aside_m), (9.0, 0.0))
+    seen = RoadSeen(offset_m=0.0, heading_rad=0.0, width_m=6.0, centre=centre, ends_m=ends_m)
     command = road(1, NOW).model_copy(update={"road": seen})
     decision = navigator.step(Instant(NOW, "c"), score(1, NOW), command, vehicle(2.0))
     assert decision.state.phase is Phase.CROSSING

@@ -106,6 +106,16 @@ def test_a_turn_is_made_in_the_middle_of_its_opening() -> None:
     assert plan(state).start_ahead_m == pytest.approx(15.0)
 
 
+def test_the_opening_across_says_where_a_turn_of_no_angle_is_made() -> None:
+    across = [sighting(12.0, 20.0)]
+    state, skewed = progress(Turn(at=1, turn="right")), progress(Turn(at=1, angle_deg=-60))
+    for each in (state, skewed):
+        each.count, each.junction = 1, Junction(rise_m=0.0, rise_seen=False, sightings=across)
+    assert plan(state).start_ahead_m == pytest.approx(16.0)
+    guess = plan(skewed)
+    assert guess.start_ahead_m == pytest.approx(guess.mouth_ahead_m + guess.reach_m)
+
+
 def test_a_skewed_road_is_met_before_it_crosses_the_edge() -> None:
     state = progress(Turn(at=1, angle_deg=60))
     state.count = 1

@@ -103,6 +103,12 @@ class Inputs:
         road = self.road
         return self.road_visible and road is not None and road.confidence >= CERTAIN
 
+    @property
+    def road_ends_m(self) -> float | None:
+        """Where the road's surface ends straight ahead; None: not in sight, or nobody tells."""
+        seen = None if self.road is None else self.road.road
+        return None if seen is None else seen.ends_m
+
     def road_towards_rad(self, yaw_rad: float) -> float:
         """Return where from a robot that looks along `yaw_rad` the middle of the seen road lies.
 

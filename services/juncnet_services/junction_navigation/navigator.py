@@ -228,22 +228,23 @@ class Navigator:
     def _sees_way_on(self) -> bool:
         """Return whether the follower's road is the way on, behind the middle of a junction.
 
-        It must have been sure once of a road ahead. The way straight on may bend: the heading held
-        from then on, while it is not seen, is the newest.
+        It must have been sure once of a road ahead, or of one anywhere where the surface ahead
+        ends. The way straight on may bend: the heading held from then on, while it is not seen, is
+        the newest.
         """
         state, junction, inputs = self.progress, self.progress.junction, self._inputs
         if junction is None or self._plan.mouth_ahead_m > -0.5 * self._plan.reach_m:
             return False
-        axis = state.yaw_rad if state.axis_rad is None else state.axis_rad
-        aside_rad = inputs.road_towards_rad(state.yaw_rad) - axis
-        ahead = inputs.road_certain and abs(aside_rad) <= WAY_ON_RAD
-        junction.way_seen = junction.way_seen or ahead
+        aside_rad = inputs.road_towards_rad(state.yaw_rad) - state.heading_rad
+        ends_m = inputs.road_ends_m
+        ahead = abs(aside_rad) <= WAY_ON_RAD
+        only = ends_m is not None and ends_m <= self.config.crossing_width_m
+        junction.way_seen = junction.way_seen or (inputs.road_certain and (ahead or only))
         return junction.way_seen and inputs.road_visible
 
     def _begin_turn(self) -> None:
         state = self.progress
-        axis = state.yaw_rad if state.axis_rad is None else state.axis_rad
-        nominal = axis + turning.angle_rad(self._plan.turn)
+        nominal = state.heading_rad + turning.angle_rad(self._plan.turn)
         state.turn = TurnProgress(
             turn=self._plan.turn, nominal_rad=nominal, radius_m=self._plan.radius_m
         )
@@ -326,8 +327,7 @@ class Navigator:
 
     def _hold_heading(self, speed_mps: float) -> Velocity:
         state = self.progress
-        axis = state.yaw_rad if state.axis_rad is None else state.axis_rad
-        rate = turning.yaw_rate_radps(axis - state.yaw_rad, self.config.turn)
+        rate = turning.yaw_rate_radps(state.heading_rad - state.yaw_rad, self.config.turn)
         rate = min(max(rate, -HOLD_YAW_RADPS), HOLD_YAW_RADPS)
         return Velocity(forward_mps=speed_mps, yaw_rate_radps=rate)
 

@@ -92,16 +92,19 @@ class JunctionPlan:
     def _crossing_ahead_m(self) -> float:
         """Return the distance to the middle of the crossing road, as the opening to turn into says.
 
-        A road that leaves at another angle than 90 degrees crosses the edge before or behind; where
-        openings were seen left and right, their mean is not shifted. The middle lies behind the
-        corners, whatever a slight turn's angle makes of its opening.
+        If only the one across was seen, a turn of no certain angle is made no nearer. A road that
+        leaves at another angle than 90 degrees crosses the edge before or behind; where openings
+        were seen left and right, their mean is not shifted. The middle lies behind the corners,
+        whatever a slight turn's angle makes of its opening.
         """
         junction = self._progress.junction
         side = "left" if turning.angle_rad(self.turn) > 0 else "right"
         seen = [] if junction is None else junction.sightings
         into = next((s for s in seen if s.side == side), None)
         if into is None:
-            return self.mouth_ahead_m + self.reach_m
+            across_m = _half_length_m(seen[0]) if seen and self.turn.angle_deg is None else None
+            behind_mouth_m = max(self.reach_m, MOUTH_BEFORE_M + (across_m or 0.0))
+            return self.mouth_ahead_m + behind_mouth_m
         shift_m = 0.0
         if self.turn.angle_deg is not None and len(seen) == 1:
             beside_m = self._width_m / 2 + BESIDE_M

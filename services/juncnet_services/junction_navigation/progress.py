@@ -110,3 +110,8 @@ class Progress(BaseModel):
     """Odometer reading at which a junction where the robot turned is left."""
     left_m: float | None = None
     """Odometer reading where the last junction was left."""
+
+    @property
+    def heading_rad(self) -> float:
+        """Direction of the road that the robot is on; its own as long as that is not known."""
+        return self.yaw_rad if self.axis_rad is None else self.axis_rad

@@ -43,9 +43,10 @@ def yaw_rate_radps(error_rad: float, config: TurnConfig) -> float:
 def search_rad(turn: Turn, config: TurnConfig) -> float:
     """Return how far around its nominal angle the road of a turn may lie.
 
-    What is nearer to straight on than to a turn's angle is the way straight on.
+    `left` and `right` say no angle. What is nearer to straight on than to an angle that is said is
+    the way straight on.
     """
-    if is_straight(turn):
+    if is_straight(turn) or turn.angle_deg is None:
         return config.search_rad
     return min(config.search_rad, abs(angle_rad(turn)) / 2)
 
