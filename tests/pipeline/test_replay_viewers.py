@@ -3,13 +3,15 @@
 import tempfile
 import threading
 from collections.abc import Generator
+from functools import partial
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 import peers
-from fakes import FakeBus
+from fakes import FakeBus, ScriptItem
 from juncnet.flight import flights_root
 from juncnet.frames import Frame, FrameLayout
 from juncnet.launch import connect
@@ -27,18 +29,18 @@ WAIT_S = 60.0
 
 def recorded(folder: Path) -> Path:
     """Write a recording of some pictures, each with a junction event, and return its folder."""
-    script: list[object] = []
+    script: list[ScriptItem] = []
     for number in range(PICTURES):
         picture = Frame(stamp(0.04 * number), LAYOUT, np.full(LAYOUT.nbytes, 90, np.uint8))
-        script += [(CAMERA_FRAME, picture), 0.04]
-        script.append(lambda bus, index=number: tell(bus, index))
-    run(FakeBus(script, "recorder", folder), Config(folder=folder))  # type: ignore[arg-type]
+        script += [(CAMERA_FRAME, picture), 0.04, partial(tell, number)]
+    run(FakeBus(script, "recorder", folder), Config(folder=folder))
     return folder
 
 
-def tell(bus: FakeBus, index: int) -> None:
+def tell(index: int, bus: FakeBus) -> None:
     for inbox in bus._inboxes[JUNCTION_EVENT.key]:  # pyright: ignore[reportPrivateUsage]
-        inbox.put(bus.robot, peers.event(bus, index))  # type: ignore[arg-type]
+        event = peers.event(cast("Any", bus), index)
+        inbox.put(bus.robot, event)
 
 
 @pytest.fixture(name="flights")

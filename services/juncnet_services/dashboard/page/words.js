@@ -47,7 +47,7 @@ export function outputText(vehicle) {
 }
 
 const EVENTS = {
-  approached: (e) => [`Junction ${e.count} ahead, ${Math.round(100 * e.probability)} %`, "junction"],
+  approached: (e) => [`Junction ${e.count} ahead, ${Math.round(100 * e.probability)}\u00a0%`, "junction"],
   entered: (e) => [`Entered junction ${e.count}`, "junction"],
   turn_started: (e) => [`Turning ${wayWord(e.turn)} at junction ${e.count}`, "turn"],
   turn_finished: (e) => [`Turned ${wayWord(e.turn)} at junction ${e.count}`, "turn"],
