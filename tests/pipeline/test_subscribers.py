@@ -5,6 +5,7 @@ import re
 import shutil
 import socket
 import subprocess
+import sys
 import tempfile
 import threading
 from collections.abc import Generator, Sequence
@@ -130,7 +131,7 @@ def folder_of(variable: str, what: str) -> Path:
 def test_python(tmp_path: Path) -> None:
     (tmp_path / "events.py").write_text(program("Python"))
     with flight_with_events() as (address, _):
-        line = first_line((tool("python"), "events.py", address), tmp_path)
+        line = first_line((sys.executable, "events.py", address), tmp_path)
     assert line == f"juncnet/robot/junction/event {COUNT} approached\n"
 
 
