@@ -28,10 +28,11 @@ from juncnet_services.junction_navigation.config import (
     NavigatorConfig,
     TurnConfig,
 )
-from juncnet_services.junction_navigation.detector import JunctionDetector, mouth_m
+from juncnet_services.junction_navigation.detector import JunctionDetector
 from juncnet_services.junction_navigation.missions import load_mission
 from juncnet_services.junction_navigation.navigator import Navigator
 from juncnet_services.junction_navigation.odometry import Odometry
+from juncnet_services.junction_navigation.place import mouth_m
 from juncnet_services.junction_navigation.progress import Junction, Progress
 from juncnet_services.junction_navigation.speed import braking_mps, feasible, scaled
 from juncnet_services.junction_navigation.store import FILE_NAME, Resumed, Store
