@@ -1,4 +1,4 @@
-"""The networks in torch: the paper's, and the best found that runs as fast on a CPU.
+"""The networks in torch: the paper's, and a more robust one, both under a millisecond on a CPU.
 
 Both take features (N, C, 64, 64), float32, and give logits (N, classes). The paper says: input
 64x64, grayscale together with its Radon reconstruction; two convolutional and two dense layers, two
@@ -63,7 +63,8 @@ class RobustNet(nn.Module):
 
     Global average pooling would forget at which row the junction lies, and that row is what divides
     *junction* from *none*; so a small dense layer reads the last 4x4 map as it is. A road's mirror
-    image is as much of a junction as the road: outside training the answer is the mean of both.
+    image is as much of a junction as the road: outside training the answer is the mean of both, in
+    twice the time of the paper's network (`juncnet evaluate` tells it).
     """
 
     def __init__(self, channels: int = 2, classes: int = 2, dropout: float = 0.2):

@@ -11,7 +11,7 @@ import socket
 import sys
 from pathlib import Path
 
-from juncnet.bus import Bus
+from juncnet.bus import Bus, Inbox
 from juncnet.clocks import NS_PER_S
 from juncnet.flight import flights_root
 from juncnet.identity import CERTIFICATES_VARIABLE
@@ -46,6 +46,15 @@ def order(
         The answer, None when there was none within `timeout_s`, and the seconds that it took.
     """
     answers = bus.subscribe(COMMAND_ACK, capacity=64)
+    try:
+        return _ordered(bus, answers, kind, operator, timeout_s)
+    finally:
+        bus.unsubscribe(answers)
+
+
+def _ordered(
+    bus: Bus, answers: Inbox[Ack], kind: OverrideKind, operator: str, timeout_s: float
+) -> tuple[Ack | None, float]:
     started_ns = bus.clock.now_ns()
     ours: list[Stamp] = []
     answer: Ack | None = None

@@ -191,7 +191,7 @@ def _joined(layout: Layout, folder: Path, name: str = "") -> Generator[ZenohBus]
 
 
 def _wait_for_services(bus: ZenohBus) -> None:
-    models = bus.subscribe(MODEL_ACTIVE)
+    models = bus.subscribe(MODEL_ACTIVE, wakes=False)
     deadline = time.monotonic() + START_S
     while time.monotonic() < deadline:
         if models.newest is not None and set(REPLAYED) <= bus.alive():

@@ -2,7 +2,8 @@
 
 DATA is a folder made by `juncnet dataset`, or a folder of class folders. Presets: `paper`, the
 paper's network and recipe as stated; `tuned`, the same network with the recipe that serves it best;
-`robust`, the best network that runs as fast. Interrupt it with Ctrl-C, go on with --resume.
+`robust`, the best network found, at twice the time a picture. Interrupt it with Ctrl-C, go on with
+--resume.
 """
 
 import argparse

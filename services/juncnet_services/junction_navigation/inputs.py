@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 
 from juncnet.clocks import Instant, Offset, ReplayGate, age_s, is_stale, local_ns
-from juncnet.messages import JunctionScore, Output, RoadCommand, Stamp, VehicleState
+from juncnet.messages import JunctionScore, Output, RoadCommand, RoadSeen, Stamp, VehicleState
 from juncnet.topics import JUNCTION_SCORE, ROAD_COMMAND
 from juncnet_services.junction_navigation.config import NavigatorConfig
 
@@ -104,20 +104,23 @@ class Inputs:
         return self.road_visible and road is not None and road.confidence >= CERTAIN
 
     @property
+    def _seen(self) -> RoadSeen | None:
+        return None if self.road is None else self.road.road
+
+    @property
     def road_ends_m(self) -> float | None:
         """Where the road's surface ends straight ahead; None: not in sight, or nobody tells."""
-        seen = None if self.road is None else self.road.road
-        return None if seen is None else seen.ends_m
+        return None if self._seen is None else self._seen.ends_m
 
     def road_towards_rad(self, yaw_rad: float) -> float:
         """Return where from a robot that looks along `yaw_rad` the middle of the seen road lies.
 
         Of a follower that tells no road: straight ahead.
         """
-        seen = None if self.road is None else self.road.road
-        if seen is None or not seen.centre:
+        if self._seen is None or not self._seen.centre:
             return yaw_rad
-        x_m, y_m = seen.centre[len(seen.centre) // 2]
+        centre = self._seen.centre
+        x_m, y_m = centre[len(centre) // 2]
         return yaw_rad + math.atan2(y_m, x_m)
 
     def _see(self, header: Stamp) -> None:

@@ -36,6 +36,7 @@ class Pictures:
         self._worker = ThreadPoolExecutor(1, "encoder", initializer=_take_what_is_left)
         self._encoding: Future[VideoPacket] | None = None
         self._own_until_ns = 0
+        self._anew = False
 
     @property
     def busy(self) -> bool:
@@ -55,6 +56,9 @@ class Pictures:
                 if frame is None or now_ns < self._own_until_ns:
                     return None
                 kept = Frame(frame.header, frame.layout, frame.pixels.copy())
+            if self._anew:  # here, for nobody encodes now
+                self._encoder.restart()
+                self._anew = False
             self._encoding = self._worker.submit(self._encoder.encode, kept)
         try:
             packet = self._encoding.result(timeout_s)
@@ -65,7 +69,7 @@ class Pictures:
 
     def restart(self) -> None:
         """Let the next access unit be one that decoding can start with: a new file has begun."""
-        self._encoder.restart()
+        self._anew = True
 
 
 def _take_what_is_left() -> None:
