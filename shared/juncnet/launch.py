@@ -144,11 +144,14 @@ def connect(
     except zenoh.ZError as error:
         raise ConnectionError(f"{target}: {error}") from error
     deadline = time.monotonic() + timeout_s
-    while not bus.connected and time.monotonic() < deadline:
-        time.sleep(0.01)
-    if not bus.connected:
+    try:
+        while not bus.connected:
+            if time.monotonic() > deadline:
+                raise ConnectionError(f"{target}: no process of this flight is running")
+            time.sleep(0.01)
+    except BaseException:  # whoever interrupts the wait has no bus to close
         bus.close()
-        raise ConnectionError(f"{target}: no process of this flight is running")
+        raise
     return bus
 
 

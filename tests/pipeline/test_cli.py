@@ -97,16 +97,23 @@ def test_down_ends_processes_whose_supervisor_was_killed(layout: Path) -> None:
     assert (flight.directory / "command_output.log").exists()
 
 
-def test_a_terminated_demo_leaves_nothing(layout: Path) -> None:
+@pytest.mark.parametrize("processes", [0, 8], ids=["starting", "started"])
+@pytest.mark.parametrize("later_s", [0.0, 0.3, 2.0])
+def test_a_terminated_demo_leaves_nothing(layout: Path, processes: int, later_s: float) -> None:
     small = ["--set", "simulator.width=320", "--set", "simulator.height=180"]
     command = [sys.executable, "-m", "juncnet_services.cli", "demo", "--headless", "--no-dashboard"]
-    with subprocess.Popen([*command, *small], stderr=subprocess.DEVNULL) as demo:
+    demo = subprocess.Popen([*command, *small], stderr=subprocess.DEVNULL)
+    try:
         deadline = time.monotonic() + 60
-        while not (flights := running_flights()) or len(pids_of(flights[0])) < 8:
+        while not (flights := all_flights()) or len(pids_of(flights[0])) < processes:
             assert time.monotonic() < deadline
             assert demo.poll() is None
-            time.sleep(0.1)
+            time.sleep(0.02)
+        time.sleep(later_s)
         demo.terminate()
         assert demo.wait(30) == 128 + signal.SIGTERM
+    finally:
+        demo.kill()
+        demo.wait()
     assert pids_of(flights[0]) == []
     assert all_flights() == []

@@ -128,9 +128,13 @@ class Demo:
             f"junction_navigation.mission={mission_toml(setup.route.mission)}",
             *setup.settings,
         )
-        self.layout: Layout = load_layout(path, self.settings).beside(*beside)
-        self.layout.validate_all()
-        self.layout.save(directory / SAVED)
+        try:
+            self.layout: Layout = load_layout(path, self.settings).beside(*beside)
+            self.layout.validate_all()
+            self.layout.save(directory / SAVED)
+        except BaseException:  # interrupted too
+            self.discard()
+            raise
         self.supervisor = Supervisor(directory)
         self.judge = Judge(setup.plan, setup.world.name, setup.vehicle)
         self.watched = Watched(
@@ -144,7 +148,11 @@ class Demo:
         arguments = ["--layout", str(self.layout.path), "--flight-dir", str(self.flight.directory)]
         for setting in self.settings:
             arguments += ["--set", setting]
-        self.supervisor.start(self.layout.processes, arguments, foreground=True)
+        try:
+            self.supervisor.start(self.layout.processes, arguments, foreground=True)
+        except BaseException:  # interrupted too: what has started is ended
+            self.supervisor.stop()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:

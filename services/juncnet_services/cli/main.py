@@ -1,6 +1,7 @@
 """`juncnet COMMAND ...`: dispatches to one module a command, imported only when it is called."""
 
 import importlib
+import os
 import signal
 import sys
 from types import FrameType
@@ -49,8 +50,12 @@ def _usage() -> str:
     return "\n".join(["usage: juncnet COMMAND [--help] ...", "", *rows])
 
 
+class _Terminated(SystemExit):
+    """A signal ended the command."""
+
+
 def _end(number: int, _frame: FrameType | None) -> None:
-    raise SystemExit(128 + number)
+    raise _Terminated(128 + number)
 
 
 def main() -> None:
@@ -72,4 +77,12 @@ def main() -> None:
     module = importlib.import_module(f"juncnet_services.cli.{COMMANDS[name][0]}")
     # A module that serves several commands is told which one it is.
     shared = [m for m, _ in COMMANDS.values()].count(COMMANDS[name][0]) > 1
-    raise SystemExit(module.main(arguments if shared else arguments[1:]))
+    try:
+        code = module.main(arguments if shared else arguments[1:])
+    except _Terminated as end:
+        # All is cleaned up, but for what was under construction as the signal came; Python would
+        # wait for the threads of a session that was opened and not yet given to anybody.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(int(str(end.code)))
+    raise SystemExit(code)

@@ -1,6 +1,5 @@
 """Starts, watches and stops the processes of a flight with supervisord."""
 
-import contextlib
 import subprocess
 import sys
 import time
@@ -191,8 +190,11 @@ class Supervisor:
 
     def stop(self) -> None:
         """Stop all processes and supervisord, and wait until they are gone."""
-        with contextlib.suppress(OSError, xmlrpc.client.Error):
+        try:
             self._call("shutdown")
+        except (OSError, xmlrpc.client.Error):
+            if self._process is not None:  # it does not answer yet
+                self._process.terminate()
         deadline = time.monotonic() + 3 * STOP_WAIT_S + 10
         while (self.running or self._lives()) and time.monotonic() < deadline:
             time.sleep(0.05)
