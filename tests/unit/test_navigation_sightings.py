@@ -143,3 +143,16 @@ def test_no_turn_begins_behind_the_end_of_the_road() -> None:
     expected_m = 22.0 - 3.0 - state.odometer_m
     assert plan(state).start_ahead_m == pytest.approx(expected_m, abs=0.01)
     assert expected_m < before_m - state.odometer_m
+
+
+@pytest.mark.parametrize(
+    ("far_m", "exit_m"),
+    [(None, 22.0), (20.0, 22.0), (25.0, 27.0), (30.0, 22.0)],
+    ids=["unseen", "as wide as the own road", "wider", "not believed"],
+)
+def test_a_junction_is_left_behind_the_opening_across(far_m: float | None, exit_m: float) -> None:
+    state, config = progress(), NavigatorConfig()
+    state.count, state.odometer_m = 1, 15.0
+    opening = sighting(12.0, far_m)
+    state.junction = Junction(rise_m=0.0, rise_seen=False, sightings=[opening])
+    assert plan(state).past_m == pytest.approx(15.0 - exit_m - config.exit_margin_m)

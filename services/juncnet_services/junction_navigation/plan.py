@@ -115,8 +115,19 @@ class JunctionPlan:
 
     @property
     def past_m(self) -> float:
-        """How far the robot is behind the junction's far side, which a straight crossing leaves."""
-        return -self.mouth_ahead_m - 2 * self.reach_m - self._config.exit_margin_m
+        """How far the robot is behind the junction's far side, which a straight crossing leaves.
+
+        That is as far behind its middle as the mouth is before it, or where an opening was seen to
+        end, whichever is farther: the crossing road may be wider than the robot's.
+        """
+        state = self._progress
+        across_m = 2 * self.reach_m
+        if state.junction is not None:
+            mouth_m = state.odometer_m + self.mouth_ahead_m
+            for opening in state.junction.sightings:
+                if opening.far_m is not None and _half_length_m(opening) is not None:
+                    across_m = max(across_m, opening.far_m + MOUTH_BEFORE_M - mouth_m)
+        return -self.mouth_ahead_m - across_m - self._config.exit_margin_m
 
     @property
     def speed_limit_mps(self) -> float:
