@@ -82,7 +82,7 @@ class FrameTopic:
 
 # fmt: off
 CAMERA_FRAME     = FrameTopic("camera/frame", "frame_capture", 25)
-CAMERA_IMAGE     = Topic("camera/image", m.JpegImage, "frame_capture", 25, Qos.BULK)
+CAMERA_IMAGE     = Topic("camera/image", m.JpegImage, "frame_capture", 12.5, Qos.BULK)
 CAMERA_VIDEO     = Topic("camera/video", m.VideoPacket, "frame_capture", 25, Qos.BULK)
 CAMERA_KEY_FRAME = Topic("camera/key_frame", m.KeyFrameRequest, "frame_capture", 0, Qos.FLIGHT)
 RADON_FEATURES   = Topic("radon/features", m.Features, "radon_preprocessing", 25, Qos.FLIGHT)

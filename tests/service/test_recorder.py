@@ -110,6 +110,17 @@ def test_pictures_come_back_under_their_headers(tmp_path: Path) -> None:
         assert abs(float(picture.luminance().mean()) - (40 + sequence)) < 3.0
 
 
+def test_wider_pictures_are_recorded_smaller(tmp_path: Path) -> None:
+    recorded(tmp_path, max_width=32)
+    decoder, found = VideoDecoder(), list[Frame]()
+    for item in open_recording(tmp_path).messages([CAMERA_VIDEO.key]):
+        found += decoder.decode(item.message)
+    assert [(f.header, f.width, f.height) for f in found] == [
+        (stamp(n), 32, 24) for n in range(1, 11)
+    ]
+    assert abs(float(found[-1].luminance().mean()) - 50) < 3.0
+
+
 def test_the_cameras_own_video_is_kept_as_it_came(tmp_path: Path) -> None:
     own = VideoPacket.of(b"\0\0\0\1\x65camera", header=stamp(1), key_frame=True)
     run(FakeBus([(CAMERA_VIDEO, own)]), Config(folder=tmp_path, video=False))

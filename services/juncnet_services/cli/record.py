@@ -33,6 +33,7 @@ def main(argv: list[str]) -> int:
         folder=options.out,
         split_mb=options.split_mb,
         video=not options.no_video,
+        max_width=options.max_width,
         features=options.features,
     )
     os.nice(NICENESS)
@@ -59,9 +60,22 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--split-mb", type=int, default=1000, help="size of a file (default 1000)")
     parser.add_argument("--no-video", action="store_true", help="leave camera/frame out")
+    parser.add_argument(
+        "--max-width",
+        type=_width,
+        default=960,
+        metavar="PX",
+        help="of video that is encoded here; a camera's own stays as it is (default 960)",
+    )
     parser.add_argument("--features", action="store_true", help="record radon/features too")
     parser.add_argument("--for", type=float, dest="limit", metavar="SECONDS", help="end after")
     return parser.parse_args(argv)
+
+
+def _width(text: str) -> int:
+    if not text.isdecimal() or not 2 <= int(text) <= 16384:
+        raise argparse.ArgumentTypeError(f"{text}: needs 2 to 16384 pixels")
+    return int(text)
 
 
 def _stop_when_over(bus: ZenohBus, flight: Path, limit_s: float | None) -> None:

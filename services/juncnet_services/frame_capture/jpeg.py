@@ -11,8 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from juncnet.clocks import NS_PER_S
 from juncnet.frames import Frame
 from juncnet.messages import JpegImage
+from juncnet.smaller import smaller
 
 ENCODER_TICK_S = 0.2
+HEAD_START_S = 0.015
+"""By which the flight is ahead with a picture before it is encoded: both cores are its own."""
 NICENESS = 10
 """Added to the encoder's own: on a busy machine viewers get fewer pictures, the flight does not."""
 
@@ -24,19 +27,21 @@ class JpegOptions(BaseModel):
 
     quality: int = Field(default=80, ge=1, le=100, description="JPEG quality.")
     max_width: int = Field(
-        default=1280, ge=2, le=16384, description="Wider pictures are made smaller [px]."
+        default=960, ge=2, le=16384, description="Wider pictures are made smaller [px]."
     )
-    rate_hz: float = Field(default=25.0, gt=0, le=1000, description="At most so many a second.")
+    rate_hz: float = Field(
+        default=12.5,
+        gt=0,
+        le=1000,
+        description="At most so many a second: enough to look at; a follower may want them all.",
+    )
 
 
 def encode_jpeg(frame: Frame, options: JpegOptions) -> JpegImage:
     """Return the picture as JPEG, at most `options.max_width` wide, under the frame's header."""
     import cv2
 
-    pixels = frame.bgr()
-    if frame.width > options.max_width:
-        height = max(1, round(frame.height * options.max_width / frame.width))
-        pixels = cv2.resize(pixels, (options.max_width, height), interpolation=cv2.INTER_LINEAR)
+    pixels = smaller(frame, options.max_width).bgr()
     _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, options.quality])
     height, width = pixels.shape[:2]
     return JpegImage.of(data.tobytes(), header=frame.header, width=width, height=height)
@@ -83,4 +88,5 @@ class JpegEncoder:
                 if self._closing.is_set():
                     return
                 continue
+            self._closing.wait(HEAD_START_S)
             self._publish(encode_jpeg(frame, self._options))

@@ -9,6 +9,7 @@ from typing import Protocol
 from juncnet.clocks import NS_PER_S
 from juncnet.frames import Frame, FrameReader
 from juncnet.messages import VideoPacket
+from juncnet.smaller import smaller
 from juncnet_services.recorder.video import Encoder
 
 SILENCE_S = 2.0
@@ -18,6 +19,8 @@ SILENCE_S = 2.0
 class Options(Protocol):
     """Quality of the video: options of the recorder."""
 
+    @property
+    def max_width(self) -> int: ...
     @property
     def crf(self) -> int: ...
     @property
@@ -31,7 +34,7 @@ class Pictures:
     """
 
     def __init__(self, reader: FrameReader | None, options: Options) -> None:
-        self._reader = reader
+        self._reader, self._max_width = reader, options.max_width
         self._encoder = Encoder(options.crf, options.key_frame_every)
         self._worker = ThreadPoolExecutor(1, "encoder", initializer=_take_what_is_left)
         self._encoding: Future[VideoPacket] | None = None
@@ -55,7 +58,8 @@ class Pictures:
             with self._reader.take(timeout_s) as frame:
                 if frame is None or now_ns < self._own_until_ns:
                     return None
-                kept = Frame(frame.header, frame.layout, frame.pixels.copy())
+                small = smaller(frame, self._max_width)
+                kept = Frame(small.header, small.layout, small.pixels.copy())
             if self._anew:  # here, for nobody encodes now
                 self._encoder.restart()
                 self._anew = False

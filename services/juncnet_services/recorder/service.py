@@ -37,6 +37,12 @@ class Config(BaseModel):
         default=True,
         description="Encode camera/frame as H.264 while the camera itself gives no camera/video.",
     )
+    max_width: int = Field(
+        default=960,
+        ge=2,
+        le=16384,
+        description="Wider pictures are made smaller for that video [px]; a camera's own is not.",
+    )
     crf: int = Field(default=24, ge=0, le=51, description="Quality of that video: 0 is lossless.")
     key_frame_every: int = Field(default=25, ge=1, description="Frames from key frame to key frame")
     features: bool = Field(

@@ -10,7 +10,6 @@ the recording.
 """
 
 import argparse
-import contextlib
 import importlib.util
 import socket
 import subprocess
@@ -21,7 +20,6 @@ import time
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 
 from juncnet.bus import Bus
@@ -34,6 +32,7 @@ from juncnet.topics import CAMERA_VIDEO, COMMAND_VELOCITY
 from juncnet_services.cli.bench.figures import Figure, median, p99, show
 from juncnet_services.cli.bench.measured import Listener, cpu_s, flight_cpu_s
 from juncnet_services.cli.bench.pipeline import await_commands
+from juncnet_services.cli.bench.watching import Page, ask_and_not_read
 from juncnet_services.cli.demo import START_S, Demo, Setup, prepare
 from juncnet_services.dashboard.access import HOST, Address, address_in
 
@@ -129,34 +128,6 @@ def repeated(act: Callable[[], None], period_s: float) -> Generator[None]:
         thread.join()
 
 
-def look(address: Address, path: str) -> Callable[[], None]:
-    """Return a call that asks the dashboard for `path` over one connection, as a page does."""
-    link = HTTPConnection(HOST, address.port, timeout=5)
-
-    def ask() -> None:
-        try:
-            link.request("GET", path, headers={"Authorization": f"Bearer {address.watch_key}"})
-            link.getresponse().read()
-        except (OSError, HTTPException):  # it was killed
-            link.close()
-
-    return ask
-
-
-def ask_and_not_read(address: Address, path: str) -> socket.socket:
-    """Return a connection over which much is asked for and nothing is read."""
-    link = socket.create_connection((HOST, address.port))
-    link.setblocking(False)
-    request = (
-        f"GET {path} HTTP/1.1\r\nHost: {address.hosts[0]}\r\n"
-        f"Authorization: Bearer {address.watch_key}\r\n\r\n"
-    ).encode()
-    with contextlib.suppress(BlockingIOError):
-        while True:
-            link.send(request)
-    return link
-
-
 @contextmanager
 def recorded(flight_dir: Path, into: Measured) -> Generator[int]:
     """Record the flight while the context lasts; yields the recorder's process id.
@@ -193,19 +164,20 @@ def missing(numbers: set[int]) -> int:
 @contextmanager
 def condition(name: str, flight_dir: Path, robot: str, into: Measured) -> Generator[dict[str, int]]:
     """Let a condition hold while the context lasts; yields the processes that it adds."""
-    state, still, pids = "/state?after=0", f"/still?robot={robot}", dict[str, int]()
+    pids = dict[str, int]()
     with ExitStack() as stack:
         if name in (RECORDED, BOTH):
             pids["recorder"] = stack.enter_context(recorded(flight_dir, into))
         if name in (CLOSED, WATCHED, BOTH, STALLED, KILLED):
             dashboard = stack.enter_context(Process(flight_dir))
             pids["dashboard"] = dashboard.pid
+            page = Page(dashboard.address, robot)
             if name is not CLOSED:
-                stack.enter_context(repeated(look(dashboard.address, still), PICTURE_S))
+                stack.enter_context(repeated(page.ask_picture, PICTURE_S))
             if name in (WATCHED, BOTH, KILLED):
-                stack.enter_context(repeated(look(dashboard.address, state), STATE_S))
+                stack.enter_context(repeated(page.ask_state, STATE_S))
             if name == STALLED:
-                stack.enter_context(ask_and_not_read(dashboard.address, still))
+                stack.enter_context(ask_and_not_read(dashboard.address, robot))
             if name == KILLED:
                 stack.enter_context(repeated(dashboard.kill, KILL_EVERY_S))
                 del pids["dashboard"]
