@@ -15,6 +15,7 @@ from juncnet_services.report.verdict import Verdict
 STYLE = """
 :root{color-scheme:light dark;--ink:#1b1b1b;--paper:#fff;--soft:#f3f4f6;--line:#d5d7da}
 @media(prefers-color-scheme:dark){:root{--ink:#eaeaea;--paper:#16181b;--soft:#22262b;--line:#3a3f45}}
+*{box-sizing:border-box}
 body{font:16px/1.5 system-ui,sans-serif;margin:0 auto;max-width:1100px;padding:24px 16px;
  color:var(--ink);background:var(--paper)}
 h1{font-size:1.6rem;margin:0}h2{font-size:1.15rem;margin:2rem 0 .5rem}
@@ -23,9 +24,10 @@ h1{font-size:1.6rem;margin:0}h2{font-size:1.15rem;margin:2rem 0 .5rem}
 .figures div{background:var(--soft);border-radius:8px;padding:10px 12px}
 .figures b{display:block;font-size:1.5rem}
 img{max-width:100%;border-radius:6px;background:#fff}
-.strip{display:grid;grid-template-columns:repeat(auto-fit,minmax(320px,1fr));gap:14px}
-.strip figure{margin:0}.strip .pair{display:flex;gap:4px}.strip .pair img{height:150px}
-table{border-collapse:collapse;width:100%}td,th{border-bottom:1px solid var(--line);
+.strip{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(320px,100%),1fr));gap:14px}
+.strip figure{margin:0}.strip .pair{display:grid;grid-template-columns:16fr 9fr;gap:4px}
+.strip .pair img{width:100%}
+.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}td,th{border-bottom:1px solid var(--line);
  padding:4px 8px;text-align:left;vertical-align:top}
 pre{background:var(--soft);padding:12px;overflow:auto;border-radius:6px;font-size:13px}
 .right{color:#2e7d32}.wrong{color:#c62828}
@@ -106,7 +108,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     body = "".join(
         "<tr>" + "".join(f"<td>{_text(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
-    return f"<table><tr>{top}</tr>{body}</table>"
+    return f'<div class="wide"><table><tr>{top}</tr>{body}</table></div>'
 
 
 def _events(data: FlightData) -> str:

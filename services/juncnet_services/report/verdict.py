@@ -30,7 +30,7 @@ def verdict(data: FlightData, planned: Sequence[int] = ()) -> Verdict:
     wrong = data.counted - passed
     count = "exact" if wrong == 0 else f"wrong by {wrong:+d}"
     kept = "stayed on the road" if off_m <= MAX_OFF_ROAD_M else f"left the road by {off_m:.1f} m"
-    figures = [("passed in truth", str(passed)), ("furthest off", f"{off_m:.2f} m")]
+    figures = [("passed in truth", str(passed)), ("furthest off the road", f"{off_m:.2f} m")]
     ways = ""
     if len(planned) > 1:
         right = f"{ways_right(planned, truths[-1].path)} of {len(planned) - 1}"
