@@ -27,7 +27,8 @@ img{max-width:100%;border-radius:6px;background:#fff}
 .strip{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(320px,100%),1fr));gap:14px}
 .strip figure{margin:0}.strip .pair{display:grid;grid-template-columns:16fr 9fr;gap:4px}
 .strip .pair img{width:100%}
-.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}td,th{border-bottom:1px solid var(--line);
+.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}
+td,th{border-bottom:1px solid var(--line);
  padding:4px 8px;text-align:left;vertical-align:top}
 pre{background:var(--soft);padding:12px;overflow:auto;border-radius:6px;font-size:13px}
 .right{color:#2e7d32}.wrong{color:#c62828}
