@@ -102,6 +102,7 @@ def test_what_was_said_is_read_again(tmp_path: Path) -> None:
     recording = open_recording(tmp_path)
     assert recording.robot == bus.robot
     assert recording.flight == bus.flight
+    assert f"numpy {np.__version__}" in recording.metadata["libraries"]
     items = list(recording.messages())
     states: list[Message] = [i.message for i in items if i.topic.key == VEHICLE_STATE.key]
     assert states == [state(n) for n in range(1, 11)]

@@ -1,9 +1,11 @@
 """Where messages go: into files of bounded size, as long as the disk has room."""
 
+import contextlib
 import logging
+import platform
 import shutil
 from dataclasses import dataclass, field
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +19,8 @@ from juncnet.recording.writer import RecordingWriter, WallClock
 from juncnet.topics import Qos, Topic
 
 log = logging.getLogger(__name__)
+LIBRARIES = ("numpy", "opencv-python-headless", "onnxruntime", "av", "eclipse-zenoh", "pydantic")
+"""Whose versions a recording keeps: what the same pictures could be decided differently by."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,8 @@ class Identity:
     flight: str
     robot: str
     version: str
+    libraries: str
+    """Python and libraries with their versions, as one line."""
     layout: str | None
 
 
@@ -105,6 +111,7 @@ class Session:
             "flight": about.flight,
             "robot": about.robot,
             "version": about.version,
+            "libraries": about.libraries,
             "clock": self.wall.id,
             "wall_minus_clock_ns": str(self.wall.offset_ns),
             "part": str(self.parts - 1),
@@ -136,5 +143,14 @@ def begin(bus: Bus, folder: Path, limits: Limits) -> Session:
         log.warning("%s was left incomplete by a recorder that was killed: repaired", path)
     saved = bus.flight_dir / SAVED
     layout = saved.read_text() if saved.is_file() else None
-    identity = Identity(bus.flight, bus.robot, version("juncnet"), layout)
+    identity = Identity(bus.flight, bus.robot, version("juncnet"), libraries(), layout)
     return Session(folder, identity, limits, bus.clock, WallClock(bus.clock))
+
+
+def libraries() -> str:
+    """Return Python and those of `LIBRARIES` that are installed, with their versions, as a line."""
+    found = [f"Python {platform.python_version()}"]
+    for name in LIBRARIES:
+        with contextlib.suppress(PackageNotFoundError):
+            found.append(f"{name} {version(name)}")
+    return ", ".join(found)
