@@ -137,6 +137,8 @@ def connect(
         settings = links.visitor(flight)
         remote = _remote_of(flight, certificates)
     else:
+        if str(target).startswith(("/", ".")) or ":" not in str(target):
+            raise ConnectionError(f"{target}: neither a flight's directory nor HOST:PORT")
         flight = Flight("outside", Path(), robot, ())
         settings = _outsider(str(target), certificates)
     try:

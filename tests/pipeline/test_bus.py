@@ -220,6 +220,8 @@ def test_outsiders_hear_everything_once_and_may_ask(flight: Flight) -> None:
 def test_a_tool_joins_by_the_flight_directory(flight: Flight) -> None:
     with pytest.raises(ConnectionError, match="no process"):
         connect(flight.directory, timeout_s=0.2)
+    with pytest.raises(ConnectionError, match="neither a flight's directory nor HOST:PORT"):
+        connect(flight.directory / "nowhere")
     with peers.started("talk", flight, "alpha"), connect(flight.directory, timeout_s=10) as tool:
         assert tool.robot == flight.robot
         assert tool.subscribe(t.COMMAND_VELOCITY).take(10.0) is not None
