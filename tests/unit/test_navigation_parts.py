@@ -171,10 +171,10 @@ def test_an_arc_of_a_right_angle_begins_a_radius_before_the_corner() -> None:
     assert turning.arc_radius_m(TurnConfig(), MEASURING) == 0.0
 
 
-def test_the_search_goes_on_then_back_then_ends() -> None:
+def test_the_search_goes_on_then_back_then_on_again() -> None:
     config = TurnConfig(settle_s=1.0, sweep_radps=0.5)
-    seen = [turning.sweep_rad(t, -1.0, 0.5, config) for t in (0.5, 2.0, 3.0, 4.0, 4.1)]
-    assert seen == [0.0, pytest.approx(-0.5), pytest.approx(0.0), pytest.approx(0.5), None]
+    seen = [turning.sweep_rad(t, -1.0, 0.5, config) for t in (0.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.5)]
+    assert seen == [0.0, *map(pytest.approx, (-0.5, 0.0, 0.5, 0.0, -0.5, 0.25))]
 
 
 def test_the_way_straight_on_is_no_turns_road() -> None:
@@ -190,6 +190,15 @@ def test_the_way_straight_on_is_no_turns_road() -> None:
     assert sight.agreed_rad == pytest.approx(0.5)
     for turn in ("straight", "right"):  # a road to the right may lie at 40 degrees
         assert turning.search_rad(Turn(at=1, turn=turn), config) == config.search_rad
+
+
+def test_a_view_that_flickers_after_it_was_agreed_on_still_is() -> None:
+    sight = turning.RoadSight(TurnConfig(frames=3))
+    agreed: list[bool] = []
+    for confidence in (0.9, 0.9, 0.9, 0.9, 0.9, 0.1, 0.9, 0.1, 0.1):
+        sight.look(road(1, 1, confidence=confidence), 1.5, 1.57, 0.8, 0.3)
+        agreed.append(sight.aligned)
+    assert agreed == [False, False, True, True, True, True, True, False, False]
 
 
 def test_agreement_takes_frames_in_a_row() -> None:

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from juncnet.camera import CameraGeometry
-from juncnet.messages import Capabilities, EventKind, Mission, Phase, Turn
+from juncnet.messages import Capabilities, EventKind, Mission, Phase, RoadCommand, Stamp, Turn
 from juncnet_services.junction_navigation.config import NavigatorConfig
 from roadsim import COPTER, ROVER, Flight, Plane, Road, crossroads
 
@@ -200,3 +200,29 @@ def test_no_road_after_the_turn_holds_with_a_reason() -> None:
     assert flight.decision.state.phase is Phase.ALIGNING
     assert "no road" in flight.decision.state.reason
     assert flight.decision.velocity.yaw_rate_radps == 0.0
+
+
+def test_a_turn_in_place_that_sees_its_road_early_does_not_swing_past_it() -> None:
+    flight = Flight(crossroads([0.0], 45.0), LEFT)
+    while EventKind.TURN_FINISHED not in flight.kinds and flight.t < 60:
+        flight.tick()
+    assert EventKind.TURN_FINISHED in flight.kinds
+    assert abs(flight.w) <= NavigatorConfig().turn.settled_radps
+
+
+def test_a_road_lost_behind_the_turn_is_searched_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Flight(crossroads([0.0]), LEFT)
+    while EventKind.TURN_FINISHED not in flight.kinds and flight.t < 60:
+        flight.tick()
+
+    def unseen(header: Stamp) -> RoadCommand:
+        return RoadCommand(header=header, source="road_following", velocity=None, confidence=0)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(flight, "follow", unseen)
+        flight.run(NavigatorConfig().turn.lost_s + 0.5)
+    assert flight.navigator.progress.phase is Phase.ALIGNING
+    flight.run(60)
+    again = (EventKind.TURN_STARTED, EventKind.TURN_FINISHED)
+    assert tuple(flight.kinds) == (*FIRST_TURN[:4], *again, *FIRST_TURN[4:])
+    assert flight.y > 5

@@ -54,15 +54,19 @@ class TurnConfig(BaseModel):
     sweep_step_rad: float = Field(default=0.12, gt=0, le=0.5)
     """A road seen in frames that disagree by more is no evidence yet."""
     frames: int = Field(default=3, ge=1, le=50)
-    """Frames in a row that must agree on the next road."""
+    """Frames that must agree on the next road, two more for each that did not see it."""
     aligned_rad: float = Field(default=0.21, gt=0, le=0.6)
     """Heading error against the next road at which the follower takes over."""
+    settled_radps: float = Field(default=0.35, gt=0, le=5)
+    """Yaw rate above which it does not yet, in place: the robot would swing past the road."""
     timeout_s: float = Field(default=20.0, gt=0)
     """Time after which a turn without a road in sight holds."""
     radius_m: float = Field(default=3.0, gt=0)
     """Radius of an arc, where the vehicle needs one and its own minimum is smaller."""
     speed_mps: float = Field(default=1.5, gt=0)
     """Forward speed on an arc."""
+    lost_s: float = Field(default=1.0, gt=0)
+    """Time without a road in sight, behind a turn, after which it is searched anew."""
     align_m: float = Field(default=5.0, gt=0)
     """How far a vehicle that cannot turn in place drives on after its arc without seeing a road."""
 
@@ -107,8 +111,8 @@ class NavigatorConfig(BaseModel):
     blind_before_m: float = Field(default=6.0, ge=0)
     """Distance before the mouth within which the robot goes on its held heading when the follower
     is not sure of a road: before a T there is none ahead."""
-    exit_margin_m: float = Field(default=1.5, ge=0)
+    exit_margin_m: float = Field(default=3.0, ge=0)
     """Distance behind a junction at which it has been left."""
-    blind_m: float = Field(default=2.0, gt=0)
-    """How far behind a junction the robot goes on its held heading without seeing a road; then it
+    blind_m: float = Field(default=0.5, gt=0)
+    """How much farther than that the robot goes on its held heading without seeing a road; then it
     looks around for one as after a turn."""

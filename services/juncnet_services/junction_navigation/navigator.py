@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from juncnet.clocks import Instant, Offset
 from juncnet.messages import (
     EventKind,
-    JunctionEvent,
     JunctionScore,
     Mission,
-    NavigationState,
     Phase,
     Reply,
     RoadCommand,
@@ -24,6 +22,7 @@ from juncnet_services.junction_navigation.inputs import Inputs
 from juncnet_services.junction_navigation.odometry import Odometry
 from juncnet_services.junction_navigation.plan import JunctionPlan
 from juncnet_services.junction_navigation.progress import Progress, TurnProgress
+from juncnet_services.junction_navigation.report import EventLog, state_of
 from juncnet_services.junction_navigation.sightings import Sightings
 from juncnet_services.junction_navigation.speed import (
     NO_MOTION,
@@ -68,7 +67,7 @@ class Navigator:
         self._plan = JunctionPlan(config, self.progress)
         self._sight = turning.RoadSight(config.turn)
         self._elapsed_s = 0.0
-        self._events: list[JunctionEvent] = list(self.progress.events) if saved else []
+        self._events = EventLog(self.progress, saved is not None)
         self._reason = ""
 
     def step(
@@ -107,7 +106,7 @@ class Navigator:
         self.progress.mission, self.progress.count = mission, 0
         if self.progress.junction is not None:
             self.progress.left_m = self.progress.odometer_m
-        self.progress.leave_m = self.progress.junction = None
+        self.progress.leave_m = self.progress.junction = self.progress.turned = None
         self.progress.phase = Phase.WAITING
         self._blocked = self._note = ""
         return Reply(accepted=True, reason=f"the count starts at 0 (it was {previous})")
@@ -179,6 +178,9 @@ class Navigator:
             self._leave()
             if state.phase is Phase.FINISHED:
                 return self._finished()
+        if self._lost_after_turn():
+            self._search_anew()
+            return self._aligning()
         found = self._detector.next_junction()
         if found is None and state.leave_m is None:
             found = self._sightings.next_junction(self._detector.free_m)
@@ -268,7 +270,8 @@ class Navigator:
 
     def _aligning(self) -> Velocity:
         turn, state, config = self._under_way, self.progress, self.config.turn
-        if self._sight.aligned:
+        swings = turn.radius_m == 0 and abs(self._odometry.yaw_rate_radps) > config.settled_radps
+        if self._sight.aligned and not swings:
             return self._end_turn()
         if self._sight.agreed_rad is not None:
             return self._yaw_towards(self._sight.agreed_rad, turn)
@@ -280,9 +283,9 @@ class Navigator:
             return self._yaw_towards(turn.nominal_rad, turn)
         sign = math.copysign(1.0, turning.angle_rad(turn.turn))
         limit = turning.search_rad(turn.turn, config)
-        offset = turning.sweep_rad(turn.aligning_s, sign, limit, config)
-        if offset is None or turn.elapsed_s > config.timeout_s:
+        if turn.elapsed_s > config.timeout_s:
             return self._wait("no road is seen after the turn")
+        offset = turning.sweep_rad(turn.aligning_s, sign, limit, config)
         return self._yaw_towards(turn.nominal_rad + offset, turn)
 
     def _end_turn(self) -> Velocity:
@@ -290,8 +293,25 @@ class Navigator:
         self._event(EventKind.TURN_FINISHED)
         state.axis_rad = self._sight.agreed_rad
         state.leave_m = state.odometer_m + self._plan.reach_m + self.config.exit_margin_m
-        state.turn, state.phase = None, Phase.FOLLOWING
+        state.turn, state.turned, state.phase = None, state.turn, Phase.FOLLOWING
         return self._following()
+
+    def _lost_after_turn(self) -> bool:
+        """Return whether the road of the turn made at this junction is out of sight for good."""
+        turned = self.progress.turned
+        if turned is None:
+            return False
+        turned.lost_s = 0.0 if self._inputs.road_visible else turned.lost_s + self._elapsed_s
+        return turned.lost_s > self.config.turn.lost_s
+
+    def _search_anew(self) -> None:
+        """Go on with the turn that was taken for finished."""
+        state = self.progress
+        if state.turned is not None:
+            state.turn, state.phase = state.turned.searching_anew, Phase.ALIGNING
+        state.turned = state.leave_m = None
+        self._sight.reset()
+        self._event(EventKind.TURN_STARTED)
 
     def _leave(self) -> None:
         """The junction is behind: the mission goes on or is finished."""
@@ -299,6 +319,7 @@ class Navigator:
         turned = state.leave_m is not None
         self._event(EventKind.LEFT)
         state.left_m, state.leave_m, state.junction = state.odometer_m, None, None
+        state.turned = None
         state.phase = Phase.FOLLOWING
         self._sightings.forget(self._detector.free_m)
         if turned:
@@ -351,48 +372,10 @@ class Navigator:
             self._note = ""
 
     def _decision(self, velocity: Velocity) -> Decision:
-        events, self._events = tuple(self._events), []
+        header, events = self._inputs.header, self._events.take()
         refused, self._inputs.refused = tuple(self._inputs.refused), []
-        if events:
-            self.progress.events = events
-        return Decision(self._inputs.header, velocity, self._state(), events, refused)
+        state = state_of(self.progress, header, self._detector.thresholds, self._reason)
+        return Decision(header, velocity, state, events, refused)
 
     def _event(self, kind: EventKind) -> None:
-        state, junction = self.progress, self.progress.junction
-        header = self._inputs.header
-        if header is None:
-            return
-        of_turn = kind in (EventKind.TURN_STARTED, EventKind.TURN_FINISHED)
-        self._events.append(
-            JunctionEvent(
-                header=header,
-                flight=state.flight,
-                index=state.index,
-                kind=kind,
-                count=state.count,
-                label="junction" if junction is None else junction.label,
-                probability=state.smoothed if junction is None else junction.probability,
-                turn=self._plan.turn if of_turn else None,
-            )
-        )
-        state.index += 1
-
-    def _state(self) -> NavigationState:
-        state = self.progress
-        planned = [t for t in state.mission.turns if t.at > state.count - self._at_junction]
-        return NavigationState(
-            header=self._inputs.header,
-            flight=state.flight,
-            phase=state.phase,
-            count=state.count,
-            mission=state.mission,
-            next_turn=min(planned, key=lambda turn: turn.at, default=None),
-            smoothed=state.smoothed,
-            thresholds=self._detector.thresholds,
-            reason=self._reason,
-        )
-
-    @property
-    def _at_junction(self) -> int:
-        """1 while the turn at the counted junction is still to be made, else 0."""
-        return int(self.progress.junction is not None and self.progress.leave_m is None)
+        self._events.add(kind, self._inputs.header, self._plan.turn)

@@ -10,6 +10,7 @@ from juncnet_services.junction_navigation.progress import Progress
 
 HISTORY = 200
 MAX_STEP_S = 0.25
+YAW_RATE_NS = 100_000_000
 OUTAGE_REACTION_S = 0.3
 """From the last save to the hold of a robot whose navigator was killed: at most 0.2 s each."""
 
@@ -72,6 +73,15 @@ class Odometry:
         (t0, m0, y0), (t1, m1, y1) = self._past[place - 1], self._past[place]
         part = (time_ns - t0) / max(t1 - t0, 1)
         return m0 + part * (m1 - m0), y0 + part * (y1 - y0)
+
+    @property
+    def yaw_rate_radps(self) -> float:
+        """Yaw rate over the last moments."""
+        if not self._past:
+            return 0.0
+        now_ns, _, yaw = self._past[-1]
+        then_ns = max(now_ns - YAW_RATE_NS, self._past[0][0])
+        return (yaw - self.at(then_ns)[1]) * 1e9 / max(now_ns - then_ns, 1)
 
     def _first(self, vehicle: VehicleState) -> None:
         state = self._progress

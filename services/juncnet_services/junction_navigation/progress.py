@@ -72,6 +72,13 @@ class TurnProgress(BaseModel):
     """Time since the nominal angle was reached, holds not counted."""
     aligning_from_m: float | None = None
     """Odometer reading when it was reached."""
+    lost_s: float = Field(default=0.0, ge=0)
+    """Time without a road in sight since the turn ended, holds not counted."""
+
+    @property
+    def searching_anew(self) -> "TurnProgress":
+        """This turn with its search for the road begun again."""
+        return self.model_copy(update={"aligning_s": 0.0, "aligning_from_m": None, "lost_s": 0.0})
 
 
 class Progress(BaseModel):
@@ -106,6 +113,8 @@ class Progress(BaseModel):
     axis_rad: float | None = None
     """Direction of the road that the robot is on."""
     turn: TurnProgress | None = None
+    turned: TurnProgress | None = None
+    """The turn that was made at the junction, until that is left."""
     leave_m: float | None = None
     """Odometer reading at which a junction where the robot turned is left."""
     left_m: float | None = None

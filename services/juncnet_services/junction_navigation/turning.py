@@ -8,6 +8,8 @@ from juncnet_services.junction_navigation.config import TurnConfig
 NOMINAL_RAD = {"left": math.pi / 2, "right": -math.pi / 2, "straight": 0.0}
 LONGEST_TANGENT_RAD = math.radians(120)
 STRAIGHT_RAD = math.radians(15)
+MISS = 2
+"""Frames with a view that one without it outweighs."""
 
 
 def angle_rad(turn: Turn) -> float:
@@ -51,24 +53,20 @@ def search_rad(turn: Turn, config: TurnConfig) -> float:
     return min(config.search_rad, abs(angle_rad(turn)) / 2)
 
 
-def sweep_rad(seconds: float, sign: float, limit: float, config: TurnConfig) -> float | None:
+def sweep_rad(seconds: float, sign: float, limit: float, config: TurnConfig) -> float:
     """Return where to look for the road `seconds` after the nominal angle, and relative to it.
 
-    First stay, then go on turning (`sign`) up to `limit`, then back to the other side; None:
-    searched enough.
+    First stay, then go on turning (`sign`) up to `limit`, then to the other side, and so on.
     """
-    path = (seconds - config.settle_s) * config.sweep_radps
-    if path <= 0:
+    path = max(seconds - config.settle_s, 0.0) * config.sweep_radps
+    if limit == 0:
         return 0.0
-    if path <= limit:
-        return sign * path
-    if path <= 3 * limit:
-        return sign * (2 * limit - path)
-    return None
+    there = math.remainder(path, 4 * limit)
+    return sign * (math.copysign(2 * limit, there) - there if abs(there) > limit else there)
 
 
 class RoadSight:
-    """Whether frames in a row agree on the direction of the next road."""
+    """Whether the last frames agree on the direction of the next road."""
 
     def __init__(self, config: TurnConfig) -> None:
         self._config = config
@@ -82,12 +80,14 @@ class RoadSight:
     ) -> None:
         """Take a follower's view from `yaw` of a road that is sought `within` so much of `nominal`.
 
-        A view of less confidence than `least`, or of a road too far from `nominal`, ends the row.
+        A view of less confidence than `least` counts against two that agreed; a road too far from
+        `nominal` ends the row.
         A follower that gives no road is taken to yaw by one radian a second per radian of error.
         """
         heading = self._heading(road)
         if heading is None or road.confidence < least:
-            self.reset()
+            self._agreeing = max(self._agreeing - MISS, 0)
+            self._aligned = max(self._aligned - MISS, 0)
             return
         direction = yaw + heading
         if abs(direction - nominal) > within + self._config.sweep_step_rad:
@@ -95,8 +95,10 @@ class RoadSight:
             return
         previous = self.direction_rad
         near = previous is not None and abs(direction - previous) <= self._config.sweep_step_rad * 2
-        self._agreeing = self._agreeing + 1 if near else 1
-        self._aligned = self._aligned + 1 if abs(heading) <= self._config.aligned_rad else 0
+        enough = self._config.frames + MISS
+        self._agreeing = min(self._agreeing + 1, enough) if near else 1
+        aligned = abs(heading) <= self._config.aligned_rad
+        self._aligned = min(self._aligned + 1, enough) if aligned else 0
         self.direction_rad = direction
 
     @property
