@@ -17,7 +17,8 @@ from dashboards import FOLLOWER, MISSION, Dashboard, Flown, dashboard
 from fakes import FakeBus
 from juncnet import messages as m
 from juncnet import topics as t
-from juncnet_services.dashboard.access import HOST, Right, address_in
+from juncnet_services.cli.bench.watching import Page
+from juncnet_services.dashboard.access import HOST, Right, address_in, new_address
 from juncnet_services.dashboard.service import Config, page_url, run
 from scenes import score
 
@@ -183,6 +184,22 @@ def test_pictures_are_ordered_only_while_a_page_asks_for_them(shown: Dashboard) 
     assert shown.ask("GET", again)[0] == 204
     assert shown.ask("GET", "/still?robot=nobody")[0] == 204
     until(lambda: not shown.bus.subscribed(t.CAMERA_IMAGE), "nobody asks any more")
+
+
+def test_the_benchmarks_page_asks_for_what_is_new(shown: Dashboard) -> None:
+    robot = Flown(shown.bus)
+    with Page(shown.address, "robot") as page:
+        assert not page.ask_picture()
+        until(lambda: shown.bus.subscribed(t.CAMERA_IMAGE), "a page asks for pictures")
+        robot.step()
+        until(page.ask_picture, "there is a picture")
+        assert not page.ask_picture()
+        robot.step()
+        until(page.ask_picture, "there is another one")
+        assert page.ask_state()
+    with Page(new_address(), "robot") as nobody:
+        assert not nobody.ask_state()
+        assert not nobody.ask_picture()
 
 
 def test_a_browser_that_does_not_read_delays_nobody(shown: Dashboard) -> None:

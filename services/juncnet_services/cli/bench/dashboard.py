@@ -111,7 +111,7 @@ class Process:
 
 
 @contextmanager
-def repeated(act: Callable[[], None], period_s: float) -> Generator[None]:
+def repeated(act: Callable[[], object], period_s: float) -> Generator[None]:
     """Do something every `period_s` in a thread while the context lasts."""
     ended = threading.Event()
 
@@ -171,7 +171,7 @@ def condition(name: str, flight_dir: Path, robot: str, into: Measured) -> Genera
         if name in (CLOSED, WATCHED, BOTH, STALLED, KILLED):
             dashboard = stack.enter_context(Process(flight_dir))
             pids["dashboard"] = dashboard.pid
-            page = Page(dashboard.address, robot)
+            page = stack.enter_context(Page(dashboard.address, robot))
             if name is not CLOSED:
                 stack.enter_context(repeated(page.ask_picture, PICTURE_S))
             if name in (WATCHED, BOTH, KILLED):

@@ -11,7 +11,7 @@ from juncnet_services.dashboard.access import HOST, Address
 
 
 class Page:
-    """Asks a dashboard for what is new of a robot, over two connections, as its page does."""
+    """Asks a dashboard for what is new of a robot, over two connections, as its page does; a context."""
 
     def __init__(self, address: Address, robot: str) -> None:
         self._address = address
@@ -20,18 +20,27 @@ class Page:
         self._serial = 0
         self._seen = ""
 
-    def ask_state(self) -> None:
-        """Ask for the rows that came since the last answer."""
+    def __enter__(self) -> "Page":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for link in self._links.values():
+            link.close()
+
+    def ask_state(self) -> bool:
+        """Ask for the rows that came since the last answer; return whether there was an answer."""
         body = self._get("state", f"/state?after={self._serial}")
         self._serial = json.loads(body)["serial"] if body else 0
+        return bool(body)
 
-    def ask_picture(self) -> None:
-        """Ask for a picture that is newer than the last one."""
+    def ask_picture(self) -> bool:
+        """Ask for a picture that is newer than the last one; return whether there is one."""
         body = self._get("still", self._still + self._seen)
         if body:
             (length,) = struct.unpack_from("<I", body)
             head: dict[str, Any] = json.loads(body[4 : 4 + length])
             self._seen = f"&epoch={head['epoch']}&sequence={head['sequence']}"
+        return bool(body)
 
     def _get(self, which: str, path: str) -> bytes:
         """Return the answer; empty: there is none, or the dashboard was killed."""
