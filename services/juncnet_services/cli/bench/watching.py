@@ -11,7 +11,7 @@ from juncnet_services.dashboard.access import HOST, Address
 
 
 class Page:
-    """Asks a dashboard for what is new of a robot, over two connections, as its page does; a context."""
+    """Asks a dashboard for what is new of a robot, as its page does; a context."""
 
     def __init__(self, address: Address, robot: str) -> None:
         self._address = address
