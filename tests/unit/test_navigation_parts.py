@@ -180,7 +180,8 @@ def test_the_search_goes_on_then_back_then_on_again() -> None:
 def test_the_way_straight_on_is_no_turns_road() -> None:
     config = TurnConfig()
     slight = Turn(at=1, angle_deg=40.0)
-    within = turning.search_rad(slight, config)
+    middle, within = turning.search_arc(slight, 0.0, config)
+    assert middle == 0.0
     sight = turning.RoadSight(config)
     for number in range(1, 6):  # the road straight on, sought 40 degrees to its left
         sight.look(road(number, number), 0.0, math.radians(40), within, 0.3)
@@ -189,7 +190,16 @@ def test_the_way_straight_on_is_no_turns_road() -> None:
         sight.look(road(number, number), 0.5, math.radians(40), within, 0.3)
     assert sight.agreed_rad == pytest.approx(0.5)
     for turn in ("straight", "right"):  # a road to the right may lie at 40 degrees
-        assert turning.search_rad(Turn(at=1, turn=turn), config) == config.search_rad
+        assert turning.search_arc(Turn(at=1, turn=turn), 0.0, config) == (0.0, config.search_rad)
+
+
+@pytest.mark.parametrize("angle_deg", [-70.0, 70.0])
+def test_a_search_in_vain_goes_on_away_from_the_way_straight_on(angle_deg: float) -> None:
+    config, turn = TurnConfig(), Turn(at=1, angle_deg=angle_deg)
+    middle, within = turning.search_arc(turn, 8.0, config)
+    outwards = math.copysign(1.0, angle_deg)
+    assert middle * outwards + within == pytest.approx(config.search_rad)
+    assert middle * outwards - within == pytest.approx(-math.radians(35))
 
 
 def test_a_view_that_flickers_after_it_was_agreed_on_still_is() -> None:

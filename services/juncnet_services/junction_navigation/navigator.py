@@ -136,8 +136,8 @@ class Navigator:
             self._sightings.see(road.road, at_m)
         if self.progress.turn is not None:
             turn, least = self.progress.turn, self.config.sight_confidence
-            within = turning.search_rad(turn.turn, self.config.turn)
-            self._sight.look(road, yaw, turn.nominal_rad, within, least)
+            middle, within = turning.search_arc(turn.turn, turn.aligning_s, self.config.turn)
+            self._sight.look(road, yaw, turn.nominal_rad + middle, within, least)
         elif self._steered and self._inputs.road_visible and previous is not None:
             self._learn_axis(road, yaw, (header.time_ns - previous.header.time_ns) / 1e9)
 
@@ -258,7 +258,7 @@ class Navigator:
     def _turning(self) -> Velocity:
         turn = self._under_way
         error = turn.nominal_rad - self.progress.yaw_rad
-        near = abs(error) <= turning.search_rad(turn.turn, self.config.turn)
+        near = abs(error) <= turning.search_arc(turn.turn, 0.0, self.config.turn)[1]
         seen = near and self._sight.agreed_rad is not None
         if seen or abs(error) <= self.config.turn.tolerance_rad:
             self.progress.phase = Phase.ALIGNING
@@ -282,10 +282,10 @@ class Navigator:
                 return self._wait("no road is seen after the turn")
             return self._yaw_towards(turn.nominal_rad, turn)
         sign = math.copysign(1.0, turning.angle_rad(turn.turn))
-        limit = turning.search_rad(turn.turn, config)
+        middle, within = turning.search_arc(turn.turn, turn.aligning_s, config)
         if turn.elapsed_s > config.timeout_s:
             return self._wait("no road is seen after the turn")
-        offset = turning.sweep_rad(turn.aligning_s, sign, limit, config)
+        offset = middle + turning.sweep_rad(turn.aligning_s, sign, within, config)
         return self._yaw_towards(turn.nominal_rad + offset, turn)
 
     def _end_turn(self) -> Velocity:

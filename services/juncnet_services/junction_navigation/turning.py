@@ -42,15 +42,19 @@ def yaw_rate_radps(error_rad: float, config: TurnConfig) -> float:
     return min(max(rate, -config.yaw_rate_radps), config.yaw_rate_radps)
 
 
-def search_rad(turn: Turn, config: TurnConfig) -> float:
-    """Return how far around its nominal angle the road of a turn may lie.
+def search_arc(turn: Turn, aligning_s: float, config: TurnConfig) -> tuple[float, float]:
+    """Return (middle from the nominal angle on, half width) of where a turn's road may lie.
 
     `left` and `right` say no angle. What is nearer to straight on than to an angle that is said is
-    the way straight on.
+    the way straight on. Once all that was searched in vain, the arc widens to the other side.
     """
     if is_straight(turn) or turn.angle_deg is None:
-        return config.search_rad
-    return min(config.search_rad, abs(angle_rad(turn)) / 2)
+        return 0.0, config.search_rad
+    angle = angle_rad(turn)
+    near = min(config.search_rad, abs(angle) / 2)
+    searched = aligning_s > config.settle_s + 4 * near / config.sweep_radps
+    far = config.search_rad if searched else near
+    return math.copysign((far - near) / 2, angle), (far + near) / 2
 
 
 def sweep_rad(seconds: float, sign: float, limit: float, config: TurnConfig) -> float:
