@@ -2,10 +2,12 @@
 
 import hashlib
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from juncnet_services.cli import flights
+from juncnet_services.cli import closed_loop, flights
+from juncnet_services.cli.demo import Setup
 from juncnet_services.cli.flights import (
     Flown,
     Report,
@@ -76,11 +78,40 @@ def test_a_report_is_gone_on_with(
     assert table in capsys.readouterr().out
 
 
+class Loop:
+    """Stands for a flight in simulated time; that of world 9 goes wrong."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.trace = SimpleNamespace(
+            errors=[] if setup.world.seed != 9 else ["the follower failed"]
+        )
+
+    def fly(self) -> Summary:
+        return summary(True)
+
+
+def test_flights_in_simulated_time_have_a_table_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(closed_loop, "ClosedLoop", Loop)
+    out = tmp_path / "flights.json"
+    assert main(["--seeds", "3", "--simulated", "--out", str(out)]) == 0
+    table = out.with_suffix(".md").read_text()
+    assert "1 of 1 flown right** (copter; in simulated time)" in table
+    assert "p50" not in table
+    assert main(["--seeds", "4", "--resume", "--out", str(out)]) == 2
+    assert "other options" in capsys.readouterr().err
+    assert main(["--seeds", "9", "--simulated", "--resume", "--out", str(out)]) == 1
+    assert "seed 9: the follower failed" in capsys.readouterr().err
+
+
 def test_a_report_with_other_options_is_left_alone(tmp_path: Path) -> None:
     out = tmp_path / "flights.json"
     origin = provenance(["juncnet", "flights"])
-    write_report(Report(vehicle="rover", settings=(), provenance=origin, flights=()), "", out)
-    assert flown_before(out, "rover", ()) == ()
-    with pytest.raises(ValueError, match="other options"):
-        flown_before(out, "copter", ())
+    rover = Report(vehicle="rover", settings=(), provenance=origin, flights=())
+    write_report(rover, "", out)
+    assert flown_before(out, rover) == ()
+    for other in ({"vehicle": "copter"}, {"simulated": True}, {"settings": ("a.b=1",)}):
+        with pytest.raises(ValueError, match="other options"):
+            flown_before(out, rover.model_copy(update=other))
     assert "0 of 0" in markdown(Report.model_validate_json(out.read_text()))

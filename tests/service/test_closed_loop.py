@@ -3,9 +3,9 @@
 import cv2
 import pytest
 
-from closed_loop import ClosedLoop
 from juncnet.camera import CameraGeometry
 from juncnet.messages import Mission, Turn
+from juncnet_services.cli.closed_loop import ClosedLoop
 from juncnet_services.cli.demo import prepare
 from juncnet_services.cli.judge import Summary
 
