@@ -55,6 +55,7 @@ class Wake:
 
     def __init__(self) -> None:
         self.condition = threading.Condition(threading.RLock())
+        self._ended = threading.Condition(threading.RLock())
         self._running = True
 
     @property
@@ -67,6 +68,15 @@ class Wake:
         with self.condition:
             self._running = False
             self.condition.notify_all()
+        with self._ended:
+            self._ended.notify_all()
+
+    def sleep(self, timeout_s: float) -> bool:
+        """Wait so long, whatever arrives; return False, and early, at shutdown."""
+        with self._ended:
+            if self._running:
+                self._ended.wait(timeout_s)
+        return self._running
 
     def wait_for(self, ready: Callable[[], bool], timeout_s: float) -> bool:
         """Wait until `ready()`, at most `timeout_s`; return `ready()`. Ends early at shutdown."""
@@ -81,12 +91,17 @@ class Wake:
 
 
 class Mailbox(Generic[M]):
-    """An `Inbox`: at most `capacity` messages of each robot; the oldest gives way, counted."""
+    """An `Inbox`: at most `capacity` messages of each robot; the oldest gives way, counted.
 
-    def __init__(self, wake: Wake, capacity: int) -> None:
+    Without `wakes` a message wakes only who waits in `take`: a thread that is woken for nothing
+    costs the process as much as the message.
+    """
+
+    def __init__(self, wake: Wake, capacity: int, wakes: bool = True) -> None:
         if capacity < 1:
             raise ValueError(f"capacity: {capacity}, needs at least 1")
-        self._wake, self._capacity = wake, capacity
+        self._wake, self._capacity, self._wakes = wake, capacity, wakes
+        self._takers = 0
         self._waiting: deque[tuple[str, M]] = deque()
         self._of_robot: Counter[str] = Counter()
         self._newest: M | None = None
@@ -103,7 +118,8 @@ class Mailbox(Generic[M]):
             self._waiting.append((robot, message))
             self._of_robot[robot] += 1
             self._newest = message
-            self._wake.condition.notify_all()
+            if self._wakes or self._takers:
+                self._wake.condition.notify_all()
 
     @property
     def ready(self) -> bool:
@@ -123,8 +139,12 @@ class Mailbox(Generic[M]):
     def take(self, timeout_s: float = 0.0) -> M | None:
         """Remove and return the oldest waiting message; None after `timeout_s` or at shutdown."""
         with self._wake.condition:
-            if not self._wake.wait_for(lambda: self.ready, timeout_s):
-                return None
+            self._takers += 1
+            try:
+                if not self._wake.wait_for(lambda: self.ready, timeout_s):
+                    return None
+            finally:
+                self._takers -= 1
             robot, message = self._waiting.popleft()
             self._of_robot[robot] -= 1
             return message

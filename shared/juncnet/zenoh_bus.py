@@ -124,7 +124,7 @@ class ZenohBus(ServiceProcess):
     def subscribe(
         self, topic: Topic[M], capacity: int = 1, robot: str | None = None, wakes: bool = True
     ) -> Inbox[M]:
-        inbox = Mailbox[M](self._wake, capacity)
+        inbox = Mailbox[M](self._wake, capacity, wakes)
 
         def received(sample: zenoh.Sample) -> None:
             try:
@@ -275,7 +275,7 @@ class ZenohBus(ServiceProcess):
             )
 
         def report() -> None:
-            while not self._wake.wait_for(lambda: False, HEALTH_PERIOD_S) and self.running:
+            while self._wake.sleep(HEALTH_PERIOD_S):
                 drops = sum(w.drops for w in self._inputs)
                 linked = None if self._remote is None else self._remote.control.linked
                 self._health.linked(linked)

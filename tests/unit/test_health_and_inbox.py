@@ -85,3 +85,42 @@ def test_taking_waits_for_another_thread_and_ends_at_shutdown() -> None:
     assert list(inbox) == []
     assert time.monotonic() - started < 0.9
     assert not wake.running
+
+
+class Counted(threading.Condition):
+    """Counts how often all who wait are woken."""
+
+    woken = 0
+
+    def notify_all(self) -> None:
+        self.woken += 1
+        super().notify_all()
+
+
+@pytest.mark.parametrize("wakes", [True, False])
+def test_a_quiet_inbox_wakes_only_who_takes_from_it(wakes: bool) -> None:
+    wake = Wake()
+    wake.condition = condition = Counted(threading.RLock())
+    inbox = Mailbox[LoadModel](wake, 4, wakes)
+    inbox.put("robot", message("a"))
+    assert condition.woken == wakes
+    assert inbox.take() == message("a")
+    threading.Timer(0.05, inbox.put, ("robot", message("b"))).start()
+    assert inbox.take(30.0) == message("b")
+    assert condition.woken == wakes + 1
+    inbox.put("robot", message("c"))
+    assert condition.woken == 2 * wakes + 1
+
+
+def test_sleep_lasts_whatever_arrives_and_ends_at_shutdown() -> None:
+    wake = Wake()
+    inbox = Mailbox[LoadModel](wake, 4)
+    threading.Timer(0.05, inbox.put, ("robot", message("a"))).start()
+    began = time.monotonic()
+    assert wake.sleep(0.2)
+    assert time.monotonic() - began >= 0.2
+    assert inbox.ready
+    threading.Timer(0.05, wake.stop).start()
+    assert not wake.sleep(30.0)
+    assert not wake.sleep(30.0)
+    assert time.monotonic() - began < 20

@@ -6,7 +6,6 @@ printed has a key behind the #: who has it commands. With --view-only nobody doe
 
 import argparse
 import contextlib
-import os
 import sys
 import threading
 import time
@@ -17,6 +16,7 @@ from juncnet.assets import asset_path
 from juncnet.flight import HostClock
 from juncnet.launch import connect
 from juncnet.layout import SAVED, LayoutError, load_layout
+from juncnet.priority import give_way
 from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.local_flights import running_flights
 from juncnet_services.dashboard.access import Right, new_address
@@ -66,7 +66,7 @@ def serve(buses: Sequence[ZenohBus], robots: Sequence[str], config: Config) -> N
     Raises:
         OSError: the port is taken.
     """
-    os.nice(NICENESS)
+    give_way(NICENESS)
     board, address = Board(HostClock(), config.camera, robots), new_address(config.port)
     right = Right.WATCH if config.view_only else Right.COMMAND
     with served(board, address, about(config, buses[0])):

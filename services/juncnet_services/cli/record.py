@@ -5,7 +5,6 @@ FOLDER/<flight>-000.mcap, -001 and so on.
 """
 
 import argparse
-import os
 import signal
 import sys
 import threading
@@ -14,6 +13,7 @@ from pathlib import Path
 from types import FrameType
 
 from juncnet.launch import connect
+from juncnet.priority import give_way
 from juncnet.recording import MISSING
 from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.events import newest_flight
@@ -36,7 +36,7 @@ def main(argv: list[str]) -> int:
         max_width=options.max_width,
         features=options.features,
     )
-    os.nice(NICENESS)
+    give_way(NICENESS)
     try:
         target = options.connect or newest_flight(options.robot)
         with connect(target, options.robot or "robot") as bus:

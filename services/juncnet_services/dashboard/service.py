@@ -5,7 +5,6 @@ and to command, is in `dashboard.json` in the flight directory and in its log.
 """
 
 import logging
-import os
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -13,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from juncnet.bus import Bus
 from juncnet.camera import CameraGeometry
 from juncnet.launch import launch
+from juncnet.priority import give_way
 from juncnet_services.dashboard.access import Right, address_in
 from juncnet_services.dashboard.board import Board, listen
 from juncnet_services.dashboard.pages import About, served
@@ -70,5 +70,5 @@ def run(bus: Bus, config: Config) -> None:
 
 def main() -> None:
     """Start the process."""
-    os.nice(NICENESS)
+    give_way(NICENESS)
     launch(run, Config)

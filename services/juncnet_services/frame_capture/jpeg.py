@@ -1,6 +1,5 @@
 """JPEG pictures for viewers and foreign followers, encoded beside the flight path, never in it."""
 
-import os
 import sys
 import threading
 from collections.abc import Callable
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from juncnet.clocks import NS_PER_S
 from juncnet.frames import Frame
 from juncnet.messages import JpegImage
+from juncnet.priority import give_way
 from juncnet.smaller import smaller
 
 ENCODER_TICK_S = 0.2
@@ -78,9 +78,7 @@ class JpegEncoder:
 
     def _run(self) -> None:
         if sys.platform == "linux":  # where a thread has a niceness of its own
-            tid = threading.get_native_id()
-            nice = os.getpriority(os.PRIO_PROCESS, tid) + NICENESS
-            os.setpriority(os.PRIO_PROCESS, tid, min(nice, 19))
+            give_way(NICENESS)
         while True:
             try:
                 frame = self._waiting.get(timeout=ENCODER_TICK_S)

@@ -4,7 +4,6 @@ It only listens: a recorder that is slow, killed or out of disk changes nothing 
 kill at most the last second is missing, and the next recorder completes the file.
 """
 
-import os
 from contextlib import closing
 from pathlib import Path
 
@@ -12,14 +11,15 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.bus import Bus
 from juncnet.launch import launch
+from juncnet.priority import give_way
 from juncnet.topics import CAMERA_FRAME, CAMERA_VIDEO
 from juncnet_services.recorder.disk import DiskWatch
 from juncnet_services.recorder.ears import Ears
 from juncnet_services.recorder.pictures import Pictures
 from juncnet_services.recorder.session import Limits, begin
 
-NICENESS = 5
-"""The flight comes first."""
+NICENESS = 15
+"""The flight comes first, then the dashboard."""
 TICK_S = 0.05
 MB = 1_000_000
 
@@ -79,5 +79,5 @@ def run(bus: Bus, config: Config) -> None:
 
 def main() -> None:
     """Start the process."""
-    os.nice(NICENESS)
+    give_way(NICENESS)
     launch(run, Config)
