@@ -63,13 +63,13 @@ def run(bus: Bus, config: Config) -> None:
     with closing(session):
         ears, disk = Ears(bus, config.features), DiskWatch(session, bus.health)
         while (bus.running or pictures.busy) and disk.has_room(bus.clock.now_ns()):
-            packet = pictures.next(bus.clock.now_ns(), TICK_S)
+            packets = pictures.next(bus.clock.now_ns(), TICK_S)
             if not config.video:
                 bus.wait(TICK_S)
             began_ns, heard = bus.clock.now_ns(), list(ears.heard())
             if any(topic is CAMERA_VIDEO for _, topic, _ in heard):
                 pictures.camera_gave(began_ns)
-            own = [] if packet is None else [(bus.robot, CAMERA_VIDEO, packet)]
+            own = [(bus.robot, CAMERA_VIDEO, packet) for packet in packets]
             for robot, topic, message in [*own, *heard]:
                 if session.write(robot, topic, message):
                     pictures.restart()  # a new file: its video begins with a key frame
