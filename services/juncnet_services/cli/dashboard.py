@@ -19,10 +19,11 @@ from juncnet.layout import SAVED, LayoutError, load_layout
 from juncnet.priority import give_way
 from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.local_flights import running_flights
+from juncnet_services.dashboard import NICENESS
 from juncnet_services.dashboard.access import Right, new_address
 from juncnet_services.dashboard.board import Board, listen
 from juncnet_services.dashboard.pages import served
-from juncnet_services.dashboard.service import DASHBOARD, NICENESS, Config, about
+from juncnet_services.dashboard.service import DASHBOARD, Config, about
 
 POLL_S = 0.5
 

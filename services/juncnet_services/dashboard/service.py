@@ -12,15 +12,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from juncnet.bus import Bus
 from juncnet.camera import CameraGeometry
 from juncnet.launch import launch
-from juncnet.priority import give_way
 from juncnet_services.dashboard.access import Right, address_in
 from juncnet_services.dashboard.board import Board, listen
 from juncnet_services.dashboard.pages import About, served
 
 DASHBOARD = "dashboard"
 """Name of the process and of its section in a layout."""
-NICENESS = 5
-"""The flight comes first. A stop still leaves at once: it costs a millisecond of a core."""
 
 
 class Config(BaseModel):
@@ -70,5 +67,4 @@ def run(bus: Bus, config: Config) -> None:
 
 def main() -> None:
     """Start the process."""
-    give_way(NICENESS)
     launch(run, Config)
