@@ -1,5 +1,6 @@
 """Who comes first on a busy machine: the flight, before all that only looks or keeps."""
 
+import contextlib
 import os
 import sys
 
@@ -13,4 +14,5 @@ def give_way(niceness: int) -> None:
     """
     os.nice(niceness)
     if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_OTHER:
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        with contextlib.suppress(PermissionError):  # a sandbox: niceness is all that there is
+            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
