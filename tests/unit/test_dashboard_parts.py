@@ -3,6 +3,8 @@
 import itertools
 import json
 import struct
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -126,6 +128,27 @@ def test_keys_are_kept_in_a_private_file_and_each_gives_its_right(tmp_path: Path
     for wrong in ("", "Bearer ", address.command_key, f"Basic {address.command_key}", "Bearer ü"):
         assert address.right_of(wrong) is Right.NONE
     assert address.url(Right.WATCH).endswith(f":{address.port}/#{address.watch_key}")
+
+
+def test_all_who_ask_at_once_for_an_address_get_the_same(tmp_path: Path) -> None:
+    for attempt in range(20):
+        folder = tmp_path / str(attempt)
+        folder.mkdir()
+        together = threading.Barrier(4)
+
+        def ask(folder: Path = folder, together: threading.Barrier = together) -> str:
+            together.wait(10)
+            return address_in(folder).command_key
+
+        with ThreadPoolExecutor(4) as pool:
+            keys = {future.result(10) for future in [pool.submit(ask) for _ in range(4)]}
+        assert keys == {address_in(folder).command_key}
+        assert [path.name for path in folder.iterdir()] == ["dashboard.json"]
+
+
+def test_an_address_that_cannot_be_read_is_made_anew(tmp_path: Path) -> None:
+    (tmp_path / "dashboard.json").write_text("not JSON")
+    assert address_in(tmp_path) == address_in(tmp_path)
 
 
 @pytest.mark.parametrize(

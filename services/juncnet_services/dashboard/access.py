@@ -11,6 +11,7 @@ import json
 import os
 import secrets
 import socket
+import threading
 from dataclasses import asdict, dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -74,21 +75,34 @@ def foreign(address: Address, host: str, origin: str | None, site: str | None) -
 def address_in(directory: Path, port: int = 0) -> Address:
     """Return the address that the dashboard of this directory keeps through restarts.
 
-    The first to ask makes it: `port` 0 takes any free one.
+    The first to ask makes it, and all others get that one: `port` 0 takes any free one.
     """
     note = directory / NOTE
+    kept = _kept(note, port)
+    if kept is not None:
+        return kept
+    address = new_address(port)
+    draft = note.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
+    draft.touch(mode=0o600)
+    draft.write_text(json.dumps(asdict(address)) + "\n")
+    try:
+        os.link(draft, note)
+    except FileExistsError:  # somebody was first, or it has another port or cannot be read
+        kept = _kept(note, port)
+        if kept is not None:
+            return kept
+        draft.replace(note)
+    finally:
+        draft.unlink(missing_ok=True)
+    return address
+
+
+def _kept(note: Path, port: int) -> Address | None:
     try:
         kept = Address(**json.loads(note.read_text()))
     except (OSError, ValueError, TypeError):
-        kept = None
-    if kept is not None and port in (0, kept.port):
-        return kept
-    address = new_address(port)
-    draft = note.with_suffix(f".{os.getpid()}")
-    draft.touch(mode=0o600)
-    draft.write_text(json.dumps(asdict(address)) + "\n")
-    draft.replace(note)
-    return address
+        return None
+    return kept if port in (0, kept.port) else None
 
 
 def new_address(port: int = 0) -> Address:
