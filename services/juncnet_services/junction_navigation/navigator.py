@@ -33,7 +33,7 @@ from juncnet_services.junction_navigation.speed import (
 from juncnet_services.junction_navigation.store import FRESH, Resumed
 
 STANDING_MPS = 0.35
-AXIS_S = 0.4
+AXIS_S, AXIS_STEP_S = 0.4, 0.1
 HOLD_YAW_RADPS = 0.5
 WIDTH_WEIGHT = 0.2
 WAY_ON_RAD = math.radians(35)
@@ -149,12 +149,18 @@ class Navigator:
         return self.progress.phase is Phase.FOLLOWING
 
     def _learn_axis(self, road: RoadCommand, yaw: float, elapsed_s: float) -> None:
+        """Take a view of the road into its mean direction; a pause makes no single view weigh more.
+
+        A robot that stands sees the same error again and again: it learns nothing new.
+        """
         direction = yaw + (road.road.heading_rad if road.road is not None else 0.0)
         axis = self.progress.axis_rad
         if axis is None or abs(direction - axis) > math.pi / 4:
             self.progress.axis_rad = direction
             return
-        weight = 1 - math.exp(-max(elapsed_s, 0.0) / AXIS_S)
+        if abs(self.progress.speed_mps) <= STANDING_MPS:
+            return
+        weight = 1 - math.exp(-min(max(elapsed_s, 0.0), AXIS_STEP_S) / AXIS_S)
         self.progress.axis_rad = axis + weight * (direction - axis)
         if road.road is not None:
             self._plan.learn_width(road.road.width_m, WIDTH_WEIGHT * weight)
