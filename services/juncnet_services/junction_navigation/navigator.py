@@ -149,16 +149,11 @@ class Navigator:
         return self.progress.phase is Phase.FOLLOWING
 
     def _learn_axis(self, road: RoadCommand, yaw: float, elapsed_s: float) -> None:
-        """Take a view of the road into its mean direction; a pause makes no single view weigh more.
-
-        A robot that stands sees the same error again and again: it learns nothing new.
-        """
+        """Take a view of the road into its mean direction; a pause makes no view weigh more."""
         direction = yaw + (road.road.heading_rad if road.road is not None else 0.0)
         axis = self.progress.axis_rad
         if axis is None or abs(direction - axis) > math.pi / 4:
             self.progress.axis_rad = direction
-            return
-        if abs(self.progress.speed_mps) <= STANDING_MPS:
             return
         weight = 1 - math.exp(-min(max(elapsed_s, 0.0), AXIS_STEP_S) / AXIS_S)
         self.progress.axis_rad = axis + weight * (direction - axis)
