@@ -96,6 +96,20 @@ class Frame:
             return rows[:, : layout.width * 3].reshape(layout.height, layout.width, 3)
         return rows[:, : layout.width]
 
+    def chroma(self) -> list[NDArray[np.uint8]]:
+        """Return the planes behind the luminance of a planar picture, uint8, as views.
+
+        I420: U and V, (H/2, W/2) each; NV12: both in one, (H/2, W/2, 2); none of other formats.
+        """
+        layout = self.layout
+        height, width, stride = layout.height // 2, layout.width // 2, layout.stride
+        behind = self.pixels[layout.stride * layout.height :]
+        if layout.format is PixelFormat.NV12:
+            return [behind.reshape(height, stride // 2, 2)[:, :width]]
+        if layout.format is PixelFormat.I420:
+            return [plane[:, :width] for plane in behind.reshape(2, height, stride // 2)]
+        return []
+
     def luminance(self) -> NDArray[np.uint8]:
         """Return the luminance, (H, W) uint8: a view without a copy unless the format is BGR8."""
         if self.layout.format is not PixelFormat.BGR8:

@@ -22,14 +22,11 @@ def shrink(frame: Frame) -> NDArray[np.uint8]:
         return np.asarray(cv2.cvtColor(_shrunk(frame.plane()), cv2.COLOR_BGR2YUV), dtype=np.uint8)
     small = np.full((height, width, 3), 128, np.uint8)
     small[..., 0] = _shrunk(frame.plane())
-    chroma = frame.pixels[layout.stride * layout.height :]
+    planes = frame.chroma()
     if layout.format is PixelFormat.I420:
-        planes = chroma.reshape(2, layout.height // 2, layout.stride // 2)
-        small[..., 1] = _shrunk(planes[0, :, : layout.width // 2])
-        small[..., 2] = _shrunk(planes[1, :, : layout.width // 2])
+        small[..., 1], small[..., 2] = (_shrunk(plane) for plane in planes)
     elif layout.format is PixelFormat.NV12:
-        pairs = chroma.reshape(layout.height // 2, layout.stride // 2, 2)
-        small[..., 1:] = _shrunk(pairs[:, : layout.width // 2])
+        small[..., 1:] = _shrunk(planes[0])
     return small
 
 

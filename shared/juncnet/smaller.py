@@ -24,8 +24,7 @@ def smaller(frame: Frame, max_width: int) -> Frame:
     width = max_width // even * even
     height = max(2, round(layout.height * width / layout.width / even) * even)
     planes = [_shrunk(frame.plane(), (width, height))]
-    if planar:
-        planes += [_shrunk(plane, (width // 2, height // 2)) for plane in _chroma(frame)]
+    planes += [_shrunk(plane, (width // 2, height // 2)) for plane in frame.chroma()]
     pixels = np.concatenate([plane.reshape(-1) for plane in planes])
     return Frame(frame.header, FrameLayout.packed(layout.format, width, height), pixels)
 
@@ -47,13 +46,3 @@ def _shrunk(plane: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8
     if (width, height) == size:
         return plane
     return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
-
-
-def _chroma(frame: Frame) -> list[NDArray[np.uint8]]:
-    """Return views of the planes behind the luminance of a planar picture."""
-    layout = frame.layout
-    height, width, stride = layout.height // 2, layout.width // 2, layout.stride
-    behind = frame.pixels[layout.stride * layout.height :]
-    if layout.format is PixelFormat.NV12:
-        return [behind.reshape(height, stride // 2, 2)[:, :width]]
-    return [plane[:, :width] for plane in behind.reshape(2, height, stride // 2)]

@@ -53,9 +53,13 @@ def _usage() -> str:
 class _Terminated(SystemExit):
     """A signal ended the command."""
 
+    def __init__(self, number: int) -> None:
+        self.status = 128 + number
+        super().__init__(self.status)
+
 
 def _end(number: int, _frame: FrameType | None) -> None:
-    raise _Terminated(128 + number)
+    raise _Terminated(number)
 
 
 def main() -> None:
@@ -84,5 +88,5 @@ def main() -> None:
         # wait for the threads of a session that was opened and not yet given to anybody.
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(int(str(end.code)))
+        os._exit(end.status)
     raise SystemExit(code)
