@@ -22,6 +22,10 @@ class DetectorConfig(BaseModel):
     junction seldom looks like one all the way, a junction does when it is near."""
     confirm_fraction: float = Field(default=0.2, ge=0, le=0.6)
     """Part of the band that a risen score must last before the junction is counted."""
+    likely: float = Field(default=0.75, ge=0, lt=1)
+    """What it must reach when it lasts for `long_fraction` of the band."""
+    long_fraction: float = Field(default=0.65, ge=0, le=1)
+    """Part of the band that no score lasts that is not a junction's."""
     dip_m: float = Field(default=2.5, ge=0)
     """A fallen score that rises again within this distance was no fall."""
     gap_m: float = Field(default=3.0, ge=0)
@@ -108,11 +112,16 @@ class NavigatorConfig(BaseModel):
     """Length by which the corners' radius widens a junction: the mouth lies this much before it."""
     hold_before_m: float = Field(default=2.0, ge=0)
     """Distance before the mouth over which the held heading replaces the follower's steering."""
+    axis_before_m: float = Field(default=5.0, ge=0)
+    """Distance before the mouth of a junction to be crossed straight on from which on the road's
+    direction is no more learned: the follower may be drawn to a side arm."""
     blind_before_m: float = Field(default=6.0, ge=0)
     """Distance before the mouth within which the robot goes on its held heading when the follower
     is not sure of a road: before a T there is none ahead."""
     exit_margin_m: float = Field(default=3.0, ge=0)
     """Distance behind a junction at which it has been left."""
+    end_before_m: float = Field(default=4.0, ge=0)
+    """Distance before the end of the robot's road at which it looks around for the way on."""
     blind_m: float = Field(default=0.5, gt=0)
     """How much farther than that the robot goes on its held heading without seeing a road; then it
     looks around for one as after a turn."""

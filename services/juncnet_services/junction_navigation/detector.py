@@ -89,8 +89,7 @@ class JunctionDetector:
         if found is None or state.junction is not None:
             return None
         end_m = state.odometer_m if found.fall_m is None else found.fall_m
-        sure = found.probability >= self.config.certain
-        lasted = sure and end_m - found.rise_m >= self.confirm_m
+        lasted = self._is_sure(found, end_m - found.rise_m)
         if found.fall_m is not None and not lasted:
             if state.odometer_m - found.fall_m > self.config.dip_m:
                 state.candidate = None
@@ -99,6 +98,15 @@ class JunctionDetector:
             return None
         state.candidate = None
         return found
+
+    def _is_sure(self, found: Junction, high_m: float) -> bool:
+        """Return whether a score that was high over a distance is a junction's.
+
+        One that lasts for most of the band need not be as high as one that has just risen.
+        """
+        long_m = self.config.long_fraction * (self.band.d_far_m - self.band.d_near_m)
+        least = self.config.likely if high_m >= long_m else self.config.certain
+        return high_m >= self.confirm_m and found.probability >= least
 
     def forget(self) -> None:
         """Drop what rose during a turn; a score that is still high counts from here on."""

@@ -31,13 +31,12 @@ from juncnet_services.junction_navigation.speed import (
     scaled,
 )
 from juncnet_services.junction_navigation.store import FRESH, Resumed
+from juncnet_services.junction_navigation.way_on import sees_way_on
 
 STANDING_MPS = 0.35
 AXIS_S, AXIS_STEP_S = 0.4, 0.1
 HOLD_YAW_RADPS = 0.5
 WIDTH_WEIGHT = 0.2
-WAY_ON_RAD = math.radians(35)
-"""How far off its heading a robot that crosses a junction may first see the way on."""
 
 
 class Navigator:
@@ -67,6 +66,8 @@ class Navigator:
         self._plan = JunctionPlan(config, self.progress)
         self._sight = turning.RoadSight(config.turn)
         self._elapsed_s = 0.0
+        self._astray = False
+        """Whether the follower's road, behind a turn, is another one than that was made into."""
         self._events = EventLog(self.progress, saved is not None)
         self._reason = ""
 
@@ -138,14 +139,19 @@ class Navigator:
             turn, least = self.progress.turn, self.config.sight_confidence
             middle, within = turning.search_arc(turn.turn, turn.aligning_s, self.config.turn)
             self._sight.look(road, yaw, turn.nominal_rad + middle, within, least)
-        elif self._steered and self._inputs.road_visible and previous is not None:
+            return
+        if self.progress.turned is not None:
+            self._astray = turning.is_astray(road, yaw, self.progress.turned, self.config.turn)
+        if self._steered and self._inputs.road_visible and previous is not None:
             self._learn_axis(road, yaw, (header.time_ns - previous.header.time_ns) / 1e9)
 
     @property
     def _steered(self) -> bool:
         """Whether the follower steers and no side arm misleads it."""
         if self.progress.phase is Phase.APPROACHING:
-            return self._plan.mouth_ahead_m > self.config.hold_before_m
+            config = self.config
+            least_m = config.axis_before_m if self._plan.straight else config.hold_before_m
+            return self._plan.mouth_ahead_m > least_m
         return self.progress.phase is Phase.FOLLOWING
 
     def _learn_axis(self, road: RoadCommand, yaw: float, elapsed_s: float) -> None:
@@ -194,8 +200,7 @@ class Navigator:
 
     def _approaching(self) -> Velocity:
         if self._plan.mouth_ahead_m <= 0 or self._plan.start_ahead_m <= 0:
-            self.progress.phase = Phase.CROSSING
-            self._event(EventKind.ENTERED)
+            self._enter()
             return self._crossing()
         blind = not self._inputs.road_visible
         if blind and self._plan.mouth_ahead_m <= self.config.blind_before_m:
@@ -220,30 +225,28 @@ class Navigator:
         if past_m >= 0 and self._inputs.road_visible:
             self._leave()
             return self._drive()
-        if past_m >= self.config.blind_m:
+        if sees_way_on(state, self._inputs, self._plan, self.config):
+            return self._take_way_on()
+        if past_m >= self.config.blind_m or self._plan.end_ahead_m <= self.config.end_before_m:
             self._begin_turn()
             return self._turning()
-        if self._sees_way_on():
-            state.axis_rad = state.yaw_rad
-            return self._follow(self.config.approach_mps)
         return self._hold_heading(self.config.cruise_mps)
 
-    def _sees_way_on(self) -> bool:
-        """Return whether the follower's road is the way on, behind the middle of a junction.
+    def _take_way_on(self) -> Velocity:
+        """Go by the follower's road; where the surface ahead ends, its steering is too gentle."""
+        state, speed_mps = self.progress, self.config.approach_mps
+        if self._plan.end_ahead_m < math.inf:
+            state.axis_rad = self._inputs.road_towards_rad(state.yaw_rad)
+            return self._hold_heading(speed_mps)
+        state.axis_rad = state.yaw_rad
+        return self._follow(speed_mps)
 
-        It must have been sure once of a road ahead, or of one anywhere where the surface ahead
-        ends. The way straight on may bend: the heading held from then on, while it is not seen, is
-        the newest.
-        """
-        state, junction, inputs = self.progress, self.progress.junction, self._inputs
-        if junction is None or self._plan.mouth_ahead_m > -0.5 * self._plan.reach_m:
-            return False
-        aside_rad = inputs.road_towards_rad(state.yaw_rad) - state.heading_rad
-        ends_m = inputs.road_ends_m
-        ahead = abs(aside_rad) <= WAY_ON_RAD
-        only = ends_m is not None and ends_m <= self.config.crossing_width_m
-        junction.way_seen = junction.way_seen or (inputs.road_certain and (ahead or only))
-        return junction.way_seen and inputs.road_visible
+    def _enter(self) -> None:
+        state = self.progress
+        state.phase = Phase.CROSSING
+        if state.junction is not None:
+            state.junction.axis_rad = state.heading_rad
+        self._event(EventKind.ENTERED)
 
     def _begin_turn(self) -> None:
         state = self.progress
@@ -295,6 +298,7 @@ class Navigator:
         state.axis_rad = self._sight.agreed_rad
         state.leave_m = state.odometer_m + self._plan.reach_m + self.config.exit_margin_m
         state.turn, state.turned, state.phase = None, state.turn, Phase.FOLLOWING
+        self._astray = False
         return self._following()
 
     def _lost_after_turn(self) -> bool:
@@ -302,7 +306,8 @@ class Navigator:
         turned = self.progress.turned
         if turned is None:
             return False
-        turned.lost_s = 0.0 if self._inputs.road_visible else turned.lost_s + self._elapsed_s
+        seen = self._inputs.road_visible and not self._astray
+        turned.lost_s = 0.0 if seen else turned.lost_s + self._elapsed_s
         return turned.lost_s > self.config.turn.lost_s
 
     def _search_anew(self) -> None:
@@ -345,6 +350,8 @@ class Navigator:
             return self._wait("the follower sees no road")
         if not self._inputs.road_visible:
             return self._wait("the follower is not sure of the road")
+        if self.progress.turned is not None and self._astray:
+            return self._wait("the follower sees another road than that was turned into")
         return scaled(road.velocity, limit_mps)
 
     def _hold_heading(self, speed_mps: float) -> Velocity:

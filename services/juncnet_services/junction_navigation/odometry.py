@@ -10,9 +10,11 @@ from juncnet_services.junction_navigation.progress import Progress
 
 HISTORY = 200
 MAX_STEP_S = 0.25
+SILENCE_S = 0.5
+"""Time without a vehicle's state after which its last speed says no more how far it went."""
 YAW_RATE_NS = 100_000_000
 OUTAGE_REACTION_S = 0.3
-"""From the last save to the hold of a robot whose navigator was killed: at most 0.2 s each."""
+"""From what was known last to the hold of a robot whose pipeline was cut: at most 0.2 s each."""
 
 
 def wrapped(angle_rad: float) -> float:
@@ -24,9 +26,9 @@ class Odometry:
     """Keeps `odometer_m`, `speed_mps`, `yaw_rad` and `position_m` of a `Progress` up to date.
 
     Without telemetry the vehicle is taken to do what it was last told, its forward speed with its
-    lag. A restart continues from the
-    saved readings: by the pose where there is one, else by the distance of a stop from the saved
-    speed, because the output holds a robot whose navigator is gone.
+    lag. A restart, and what comes behind a silence of the vehicle's state, continues from the last
+    readings: by the pose where there is one, else by the distance of a stop from the last speed,
+    because a robot whose navigator or output is gone is held.
     """
 
     def __init__(self, config: NavigatorConfig, progress: Progress, resumed: bool) -> None:
@@ -35,17 +37,21 @@ class Odometry:
         self._lag_s = config.velocity_lag_s
         self._resumed = resumed
         self._newest_ns: int | None = None
+        self._heard: tuple[VehicleState, float] | None = None
+        """The newest state of the vehicle, and the odometer reading when it came."""
         self._past: deque[tuple[int, float, float]] = deque(maxlen=HISTORY)
 
     def advance(self, now_ns: int, vehicle: VehicleState) -> float:
         """Move on to `now_ns` and return the seconds in which the pipeline moved the robot."""
-        elapsed_s = 0.0
-        if self._newest_ns is None:
-            self._first(vehicle)
+        state, elapsed_s = self._progress, 0.0
+        if self._newest_ns is None and not self._resumed:
+            state.odometer_m, state.speed_mps = 0.0, 0.0
+        elif self._newest_ns is None or now_ns - self._newest_ns > SILENCE_S * 1e9:
+            heard_m = state.odometer_m if self._heard is None else self._heard[1]
+            state.odometer_m = heard_m + self._outage_m(vehicle)
         else:
             elapsed_s = min(max(now_ns - self._newest_ns, 0) / 1e9, MAX_STEP_S)
         self._newest_ns = now_ns
-        state = self._progress
         moving = vehicle.commanded
         if vehicle.capabilities.telemetry and vehicle.velocity is not None:
             moving = vehicle.velocity
@@ -60,6 +66,8 @@ class Odometry:
             state.yaw_rad += moving.yaw_rate_radps * elapsed_s
         if vehicle.pose is not None:
             state.position_m = (vehicle.pose.x_m, vehicle.pose.y_m)
+        if self._heard is None or self._heard[0] is not vehicle:
+            self._heard = vehicle, state.odometer_m
         self._past.append((now_ns, state.odometer_m, state.yaw_rad))
         return elapsed_s if vehicle.output is Output.PIPELINE else 0.0
 
@@ -83,12 +91,10 @@ class Odometry:
         then_ns = max(now_ns - YAW_RATE_NS, self._past[0][0])
         return (yaw - self.at(then_ns)[1]) * 1e9 / max(now_ns - then_ns, 1)
 
-    def _first(self, vehicle: VehicleState) -> None:
+    def _outage_m(self, vehicle: VehicleState) -> float:
+        """Return how far the robot has gone since it was heard of, before `vehicle`."""
         state = self._progress
-        if not self._resumed:
-            state.odometer_m, state.speed_mps = 0.0, 0.0
-        elif vehicle.pose is not None and state.position_m is not None:
-            state.odometer_m += math.dist((vehicle.pose.x_m, vehicle.pose.y_m), state.position_m)
-        else:
-            speed = abs(state.speed_mps)
-            state.odometer_m += speed * OUTAGE_REACTION_S + speed**2 / 2 / self._deceleration
+        if vehicle.pose is not None and state.position_m is not None:
+            return math.dist((vehicle.pose.x_m, vehicle.pose.y_m), state.position_m)
+        speed = abs(state.speed_mps)
+        return speed * OUTAGE_REACTION_S + speed**2 / 2 / self._deceleration

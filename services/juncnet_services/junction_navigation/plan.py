@@ -83,10 +83,7 @@ class JunctionPlan:
         Where the robot's road ends at the crossing one, they meet half a width before its far edge.
         """
         centre_m = self._crossing_ahead_m()
-        junction = self._progress.junction
-        if junction is None or junction.end_m is None or junction.end_weight < SURE_END:
-            return centre_m
-        before_end_m = junction.end_m - self._width_m / 2 - self._progress.odometer_m
+        before_end_m = self.end_ahead_m - self._width_m / 2
         return min(centre_m, max(before_end_m, self.mouth_ahead_m + self._config.corner_m))
 
     def _crossing_ahead_m(self) -> float:
@@ -112,6 +109,14 @@ class JunctionPlan:
         half_m = _half_length_m(into)
         behind_mouth_m = self.reach_m if half_m is None else MOUTH_BEFORE_M + half_m
         return self.mouth_ahead_m + max(behind_mouth_m - shift_m, self._config.corner_m)
+
+    @property
+    def end_ahead_m(self) -> float:
+        """Distance to where the robot's road ends beyond the junction; infinite: not known to."""
+        junction = self._progress.junction
+        if junction is None or junction.end_m is None or junction.end_weight < SURE_END:
+            return math.inf
+        return junction.end_m - self._progress.odometer_m
 
     @property
     def past_m(self) -> float:

@@ -52,6 +52,8 @@ class Junction(BaseModel):
     """Where the robot's road ends beyond it, as at a T, once that was seen."""
     end_weight: float = Field(default=0.0, ge=0)
     """Of `end_m`: the sum of the pictures' inverse variances."""
+    axis_rad: float | None = None
+    """Direction of the road by which the robot entered it; None: it has not."""
     way_seen: bool = False
     """Whether a follower was once sure of the road behind it, as the robot crosses it."""
 

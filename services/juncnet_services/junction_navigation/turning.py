@@ -4,10 +4,13 @@ import math
 
 from juncnet.messages import Capabilities, RoadCommand, Turn
 from juncnet_services.junction_navigation.config import TurnConfig
+from juncnet_services.junction_navigation.progress import TurnProgress
 
 NOMINAL_RAD = {"left": math.pi / 2, "right": -math.pi / 2, "straight": 0.0}
 LONGEST_TANGENT_RAD = math.radians(120)
 STRAIGHT_RAD = math.radians(15)
+ASTRAY_RAD = 0.25
+"""How far behind a turn its road may lie outside of where it was searched: it may bend there."""
 MISS = 2
 """Frames with a view that one without it outweighs."""
 
@@ -46,15 +49,33 @@ def search_arc(turn: Turn, aligning_s: float, config: TurnConfig) -> tuple[float
     """Return (middle from the nominal angle on, half width) of where a turn's road may lie.
 
     `left` and `right` say no angle. What is nearer to straight on than to an angle that is said is
-    the way straight on. Once all that was searched in vain, the arc widens to the other side.
+    the way straight on. Once all that was searched in vain, the arc widens to the other side, and
+    at last to both: the road by which the robot came may have bent unseen.
     """
+    far = config.search_rad
     if is_straight(turn) or turn.angle_deg is None:
-        return 0.0, config.search_rad
+        return 0.0, far
     angle = angle_rad(turn)
-    near = min(config.search_rad, abs(angle) / 2)
-    searched = aligning_s > config.settle_s + 4 * near / config.sweep_radps
-    far = config.search_rad if searched else near
-    return math.copysign((far - near) / 2, angle), (far + near) / 2
+    near = min(far, abs(angle) / 2)
+    aside = (far + near) / 2
+    swept_rad = max(aligning_s - config.settle_s, 0.0) * config.sweep_radps
+    if swept_rad <= 4 * near:
+        return 0.0, near
+    if swept_rad <= 4 * (near + aside):
+        return math.copysign((far - near) / 2, angle), aside
+    return 0.0, far
+
+
+def is_astray(road: RoadCommand, yaw: float, turn: TurnProgress, config: TurnConfig) -> bool:
+    """Return whether a follower's road, seen from `yaw` behind a turn, is no road of that turn.
+
+    It may bend behind the junction, so it may lie a little outside of where it was searched.
+    """
+    if road.road is None:
+        return False
+    middle, within = search_arc(turn.turn, turn.aligning_s, config)
+    direction = yaw + road.road.heading_rad
+    return abs(direction - turn.nominal_rad - middle) > within + ASTRAY_RAD
 
 
 def sweep_rad(seconds: float, sign: float, limit: float, config: TurnConfig) -> float:

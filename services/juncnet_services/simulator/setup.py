@@ -1,6 +1,5 @@
 """Configuration of the simulator, and the world, vehicle and camera that it asks for."""
 
-import math
 from dataclasses import replace
 from typing import Literal
 
@@ -14,7 +13,7 @@ from juncnet.simulation.towns import make_style, named_world, random_world
 from juncnet.simulation.world import TimeOfDay, World
 from juncnet_services.simulator.video import VideoOptions, VideoStream
 
-ROVER_CAMERA = CameraGeometry(height_m=1.5, pitch_rad=math.radians(12.0))
+ROVER_CAMERA = CameraGeometry(height_m=2.2, pitch_rad=0.30)
 
 
 class Config(BaseModel):

@@ -1,0 +1,37 @@
+"""The way straight on behind a junction: whether the road that a follower sees is it."""
+
+import math
+
+from juncnet_services.junction_navigation.config import NavigatorConfig
+from juncnet_services.junction_navigation.inputs import Inputs
+from juncnet_services.junction_navigation.plan import JunctionPlan
+from juncnet_services.junction_navigation.progress import Progress
+
+AHEAD_RAD = math.radians(35)
+"""How far off its heading a robot that crosses a junction may first see the way on."""
+FARTHEST_RAD = math.radians(45)
+"""And how far off the road that it came by, where that road is known to end beyond the junction."""
+
+
+def sees_way_on(
+    state: Progress, inputs: Inputs, plan: JunctionPlan, config: NavigatorConfig
+) -> bool:
+    """Return whether the follower's road is the way on, behind the middle of a junction.
+
+    It must have been sure once of a road ahead, or of one anywhere where the surface ahead ends.
+    The way straight on may bend: the heading held from then on, while it is not seen, is the
+    newest. Where the surface is known to end straight ahead, it surely does.
+    """
+    junction = state.junction
+    if junction is None:
+        return False
+    towards_rad = inputs.road_towards_rad(state.yaw_rad)
+    if plan.end_ahead_m < math.inf and junction.axis_rad is not None:
+        return inputs.road_visible and abs(towards_rad - junction.axis_rad) <= FARTHEST_RAD
+    if plan.mouth_ahead_m > -0.5 * plan.reach_m:
+        return False
+    ends_m = inputs.road_ends_m
+    ahead = abs(towards_rad - state.heading_rad) <= AHEAD_RAD
+    only = ends_m is not None and ends_m <= config.crossing_width_m
+    junction.way_seen = junction.way_seen or (inputs.road_certain and (ahead or only))
+    return junction.way_seen and inputs.road_visible

@@ -1,0 +1,214 @@
+"""Which road is the way: straight on behind a junction, behind a turn, after a search in vain."""
+
+import math
+
+import pytest
+
+from juncnet.camera import CameraGeometry
+from juncnet.clocks import Instant
+from juncnet.messages import (
+    Capabilities,
+    JunctionScore,
+    Mission,
+    ModelIdentity,
+    Output,
+    Phase,
+    Pose,
+    RoadCommand,
+    RoadSeen,
+    Stamp,
+    Turn,
+    VehicleState,
+    Velocity,
+)
+from juncnet_services.junction_navigation import turning
+from juncnet_services.junction_navigation.config import (
+    DetectorConfig,
+    NavigatorConfig,
+    TurnConfig,
+)
+from juncnet_services.junction_navigation.detector import JunctionDetector
+from juncnet_services.junction_navigation.navigator import Navigator
+from juncnet_services.junction_navigation.odometry import Odometry
+from juncnet_services.junction_navigation.progress import Junction, Progress, TurnProgress
+from juncnet_services.junction_navigation.store import Resumed
+
+BAND = CameraGeometry().band
+NOW = 10_000_000_000
+STEP = 40_000_000
+MODEL = ModelIdentity(name="m", sha256="0" * 64)
+STRAIGHT = Mission(finish_after=9)
+LEFT = Mission(turns=(Turn(at=1, turn="left"),), finish_after=9)
+
+
+def stamp(number: int) -> Stamp:
+    return Stamp(epoch=1, sequence=number, time_ns=NOW + number * STEP, clock="c")
+
+
+def vehicle(number: int, x_m: float = 0.0, yaw_rad: float = 0.0) -> VehicleState:
+    return VehicleState(
+        at=stamp(number),
+        capabilities=Capabilities(turns_in_place=True, telemetry=True),
+        yaw_rad=yaw_rad,
+        velocity=Velocity(forward_mps=2.0),
+        pose=Pose(x_m=x_m, y_m=0.0),
+        output=Output.PIPELINE,
+    )
+
+
+def road(
+    number: int, towards_rad: float, ends_m: float | None = None, confidence: float = 0.4
+) -> RoadCommand:
+    """A follower's road whose middle lies 6 m away at an angle; its steering is gentle."""
+    middle = (6 * math.cos(towards_rad), 6 * math.sin(towards_rad))
+    seen = RoadSeen(
+        offset_m=0.0,
+        heading_rad=towards_rad,
+        width_m=6.0,
+        centre=((2.0, 0.0), middle, (9.0, 0.0)),
+        ends_m=ends_m,
+    )
+    return RoadCommand(
+        header=stamp(number),
+        source="road_following",
+        velocity=Velocity(forward_mps=3.0, yaw_rate_radps=0.02),
+        confidence=confidence,
+        road=seen,
+    )
+
+
+def navigator(state: Progress) -> Navigator:
+    return Navigator(NavigatorConfig(), state.mission, "f", Resumed(state, ""))
+
+
+def step(flown: Navigator, number: int, seen: RoadCommand, yaw_rad: float = 0.0) -> Velocity:
+    header = stamp(number)
+    probabilities = {"none": 0.9, "junction": 0.1}
+    scored = JunctionScore(header=header, model=MODEL, probabilities=probabilities)
+    now = Instant(header.time_ns, "c")
+    decision = flown.step(now, scored, seen, vehicle(number, yaw_rad=yaw_rad))
+    assert decision.velocity is not None
+    return decision.velocity
+
+
+def crossing(mission: Mission = STRAIGHT) -> Progress:
+    """A robot on a junction's surface, a metre behind its mouth."""
+    junction = Junction(rise_m=0.0, fall_m=BAND.d_far_m - BAND.d_near_m, axis_rad=0.0)
+    return Progress(
+        flight="f",
+        configured=mission,
+        mission=mission,
+        count=1,
+        phase=Phase.CROSSING,
+        junction=junction,
+        axis_rad=0.0,
+        odometer_m=BAND.d_far_m + 1.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("towards_deg", "ends_m", "turned"),
+    [(-30.0, 9.0, True), (-30.0, None, False), (-60.0, 9.0, False)],
+)
+def test_the_way_on_bends_where_the_surface_ends_ahead(
+    towards_deg: float, ends_m: float | None, turned: bool
+) -> None:
+    """A road that the follower is not certain of is taken if there is no other way on."""
+    flown, wanted = navigator(crossing()), Velocity()
+    for number in range(1, 16):
+        seen_at = None if ends_m is None else ends_m - 0.08 * number
+        wanted = step(flown, number, road(number, math.radians(towards_deg), seen_at))
+    assert flown.progress.phase is Phase.CROSSING
+    assert (wanted.yaw_rate_radps < -0.3) is turned
+    assert (wanted.yaw_rate_radps == pytest.approx(0.0)) is not turned
+
+
+def test_a_robot_looks_around_before_it_leaves_the_surface() -> None:
+    flown = navigator(crossing())
+    for number in range(1, 40):
+        ends_m = 6.5 - 0.08 * number
+        step(flown, number, road(number, math.radians(70.0), ends_m, confidence=0.2))
+        if flown.progress.phase is not Phase.CROSSING:
+            break
+    assert flown.progress.phase is Phase.ALIGNING
+    assert ends_m >= NavigatorConfig().end_before_m - 0.6
+
+
+def test_no_direction_is_learned_from_a_side_arm_of_a_junction_to_be_crossed() -> None:
+    for mission, learned in ((STRAIGHT, False), (LEFT, True)):
+        state = crossing(mission)
+        state.phase, state.odometer_m = Phase.APPROACHING, BAND.d_far_m - 4.0
+        flown = navigator(state)
+        for number in range(1, 6):
+            step(flown, number, road(number, 0.4, confidence=1.0))
+        assert (abs(flown.progress.heading_rad) > 0.05) is learned
+
+
+def turned(turn: Turn, aligning_s: float = 0.0) -> TurnProgress:
+    nominal_rad = turning.angle_rad(turn)
+    return TurnProgress(turn=turn, nominal_rad=nominal_rad, aligning_s=aligning_s)
+
+
+@pytest.mark.parametrize(
+    ("turn", "direction_deg", "astray"),
+    [
+        (Turn(at=1, turn="left"), 90.0, False),
+        (Turn(at=1, turn="left"), 35.0, False),
+        (Turn(at=1, turn="left"), 10.0, True),
+        (Turn(at=1, angle_deg=-65.0), -25.0, False),
+        (Turn(at=1, angle_deg=-65.0), 0.0, True),
+    ],
+)
+def test_another_road_than_that_turned_into_is_told(
+    turn: Turn, direction_deg: float, astray: bool
+) -> None:
+    seen = road(1, math.radians(direction_deg) - 0.5)
+    assert turning.is_astray(seen, 0.5, turned(turn), TurnConfig()) is astray
+
+
+def test_a_robot_drawn_to_another_road_behind_its_turn_searches_its_own() -> None:
+    state = crossing(LEFT)
+    state.phase, state.turned = Phase.FOLLOWING, turned(LEFT.turns[0])
+    state.axis_rad, state.leave_m = math.pi / 2, state.odometer_m + 9.0
+    flown = navigator(state)
+    assert step(flown, 1, road(1, 0.0, confidence=1.0), math.pi / 2).forward_mps > 0
+    number, config = 2, NavigatorConfig().turn
+    while flown.progress.phase is Phase.FOLLOWING and number < 100:
+        assert step(flown, number, road(number, -1.5, confidence=1.0), math.pi / 2) == Velocity()
+        number += 1
+        if number * STEP / 1e9 > config.lost_s + 0.1:
+            break
+    step(flown, number, road(number, -1.5, confidence=1.0), math.pi / 2)
+    assert flown.progress.phase is Phase.ALIGNING
+
+
+def test_a_long_search_ends_with_every_road_near_the_angle() -> None:
+    config, turn = TurnConfig(), Turn(at=1, angle_deg=45.0)
+    assert turning.search_arc(turn, 0.0, config) == (0.0, math.radians(22.5))
+    middle, within = turning.search_arc(turn, 6.0, config)
+    assert middle - within == pytest.approx(-math.radians(22.5))
+    assert turning.search_arc(turn, 12.0, config) == (0.0, config.search_rad)
+    assert config.timeout_s > 12.0
+
+
+@pytest.mark.parametrize(("part", "counted"), [(0.5, False), (0.7, True)])
+def test_a_score_that_lasts_is_a_junctions_though_it_is_never_certain(
+    part: float, counted: bool
+) -> None:
+    state = Progress(flight="f", configured=STRAIGHT, mission=STRAIGHT)
+    detector = JunctionDetector(DetectorConfig(), BAND, state)
+    state.candidate = Junction(rise_m=10.0, probability=0.8)
+    state.odometer_m = 10.0 + part * (BAND.d_far_m - BAND.d_near_m)
+    assert (detector.next_junction() is not None) is counted
+
+
+def test_a_silent_vehicle_went_as_far_as_its_pose_says() -> None:
+    state = Progress(flight="f", configured=STRAIGHT, mission=STRAIGHT)
+    odometry = Odometry(NavigatorConfig(), state, resumed=False)
+    odometry.advance(NOW, vehicle(0, x_m=0.0))
+    last = vehicle(1, x_m=0.08)
+    for number in range(1, 12):  # the last state is taken for the truth until it is too old
+        odometry.advance(NOW + number * STEP, last)
+    assert state.odometer_m == pytest.approx(0.88)
+    odometry.advance(NOW + 60 * STEP, vehicle(60, x_m=0.58))
+    assert state.odometer_m == pytest.approx(0.58)
