@@ -124,7 +124,7 @@ def test_the_way_on_bends_where_the_surface_ends_ahead(
 
 
 def test_a_robot_looks_around_before_it_leaves_the_surface() -> None:
-    flown = navigator(crossing())
+    flown, ends_m = navigator(crossing()), 6.5
     for number in range(1, 40):
         ends_m = 6.5 - 0.08 * number
         step(flown, number, road(number, math.radians(70.0), ends_m, confidence=0.2))

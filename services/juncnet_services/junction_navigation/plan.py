@@ -70,11 +70,17 @@ class JunctionPlan:
 
     @property
     def start_ahead_m(self) -> float:
-        """Distance to where the planned turn begins; infinite when none is planned."""
+        """Distance to where the planned turn is begun; infinite when none is planned.
+
+        An arc that is asked for begins as much later as the vehicle answers.
+        """
         if self.straight:
             return math.inf
+        if self.radius_m == 0:
+            return self.centre_ahead_m
         tangent_m = turning.tangent_m(self.radius_m, turning.angle_rad(self.turn))
-        return self.centre_ahead_m - tangent_m
+        answers_m = max(self._progress.speed_mps, 0.0) * self._config.velocity_lag_s
+        return self.centre_ahead_m - tangent_m - answers_m
 
     @property
     def centre_ahead_m(self) -> float:
