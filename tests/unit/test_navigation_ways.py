@@ -212,3 +212,14 @@ def test_a_silent_vehicle_went_as_far_as_its_pose_says() -> None:
     assert state.odometer_m == pytest.approx(0.88)
     odometry.advance(NOW + 60 * STEP, vehicle(60, x_m=0.58))
     assert state.odometer_m == pytest.approx(0.58)
+
+
+def test_a_score_that_lingers_fell_where_it_sank() -> None:
+    state = Progress(flight="f", configured=STRAIGHT, mission=STRAIGHT)
+    detector = JunctionDetector(DetectorConfig(smoothing_s=0.01), BAND, state)
+    falls: list[float] = []
+    scores = [0.0, *[1.0] * 10, *[0.42] * 25, *[0.0] * 5]
+    for number, probability in enumerate(scores):
+        if detector.smooth(NOW + number * STEP, probability) is False:
+            falls.append(number * STEP / 1e9 - detector.fall_lag_s)
+    assert falls == [pytest.approx(11 * STEP / 1e9, abs=0.02)]

@@ -71,6 +71,8 @@ class TurnConfig(BaseModel):
     """Forward speed on an arc."""
     lost_s: float = Field(default=1.0, gt=0)
     """Time without a road in sight, behind a turn, after which it is searched anew."""
+    searches: int = Field(default=2, ge=0, le=10)
+    """How often it is searched anew; then the robot holds."""
     align_m: float = Field(default=5.0, gt=0)
     """How far a vehicle that cannot turn in place drives on after its arc without seeing a road."""
 

@@ -20,7 +20,10 @@ class JunctionDetector:
         self._newest_ns: int | None = None
         self.rise_lag_s = config.smoothing_s * math.log(1 / (1 - config.enter))
         """How much later than a step of the score the smoothed score rises."""
-        self.fall_lag_s = config.smoothing_s * math.log(1 / config.leave)
+        self.fall_lag_s = 0.0
+        """How much earlier than it was told the last fall began: where the score went below what it
+        rises at, and as much as the smoothing delays that. Some scores linger before they fall."""
+        self._sank_ns: int | None = None
         self.thresholds = Thresholds(enter=config.enter, certain=config.certain, leave=config.leave)
         """What decides, as it is told to whoever watches."""
 
@@ -44,10 +47,20 @@ class JunctionDetector:
         weight = 1 - math.exp(-elapsed_s / self.config.smoothing_s)
         state.smoothed += weight * (probability - state.smoothed)
         state.smoothed = min(max(state.smoothed, 0.0), 1.0)
+        self._watch_sinking(time_ns)
         if state.high == (state.smoothed > self.threshold):
             return None
         state.high = not state.high
         return state.high
+
+    def _watch_sinking(self, time_ns: int) -> None:
+        if not self._progress.high or self._progress.smoothed > self.config.enter:
+            self._sank_ns = None
+            return
+        if self._sank_ns is None:
+            self._sank_ns = time_ns
+        delay_s = self.config.smoothing_s * math.log(1 / self.config.enter)
+        self.fall_lag_s = (time_ns - self._sank_ns) / 1e9 + delay_s
 
     @property
     def threshold(self) -> float:

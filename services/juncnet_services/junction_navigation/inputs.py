@@ -9,6 +9,7 @@ from juncnet.topics import JUNCTION_SCORE, ROAD_COMMAND
 from juncnet_services.junction_navigation.config import NavigatorConfig
 
 CERTAIN = 0.6
+TRUSTED = 0.9
 
 
 class Inputs:
@@ -102,6 +103,13 @@ class Inputs:
         """Whether the follower is sure enough to be believed on a junction's surface."""
         road = self.road
         return self.road_visible and road is not None and road.confidence >= CERTAIN
+
+    @property
+    def road_trust(self) -> float:
+        """How much of a follower's steering to take where side arms may mislead it, 0..1."""
+        if self.road is None or not self.road_visible:
+            return 0.0
+        return min(max((self.road.confidence - CERTAIN) / (TRUSTED - CERTAIN), 0.0), 1.0)
 
     @property
     def _seen(self) -> RoadSeen | None:

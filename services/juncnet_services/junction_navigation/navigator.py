@@ -162,6 +162,8 @@ class Navigator:
             self.progress.axis_rad = direction
             return
         weight = 1 - math.exp(-min(max(elapsed_s, 0.0), AXIS_STEP_S) / AXIS_S)
+        if self.progress.phase is Phase.APPROACHING:
+            weight *= self._inputs.road_trust
         self.progress.axis_rad = axis + weight * (direction - axis)
         if road.road is not None:
             self._plan.learn_width(road.road.width_m, WIDTH_WEIGHT * weight)
@@ -186,6 +188,8 @@ class Navigator:
             if state.phase is Phase.FINISHED:
                 return self._finished()
         if self._lost_after_turn():
+            if state.turned and state.turned.searched_anew >= self.config.turn.searches:
+                return self._wait("the road of the turn was lost again and again")
             self._search_anew()
             return self._aligning()
         found = self._detector.next_junction()
@@ -209,7 +213,8 @@ class Navigator:
         held = self._hold_heading(steered.forward_mps)
         if self._reason or self.config.hold_before_m == 0:
             return steered
-        share = 1 - self._plan.mouth_ahead_m / self.config.hold_before_m
+        near = 1 - self._plan.mouth_ahead_m / self.config.hold_before_m
+        share = max(near, 1 - self._inputs.road_trust)
         yaw_rate = blended(steered.yaw_rate_radps, held.yaw_rate_radps, share)
         return steered.model_copy(update={"yaw_rate_radps": yaw_rate})
 
@@ -227,10 +232,16 @@ class Navigator:
             return self._drive()
         if sees_way_on(state, self._inputs, self._plan, self.config):
             return self._take_way_on()
-        if past_m >= self.config.blind_m or self._plan.end_ahead_m <= self.config.end_before_m:
+        if past_m >= self.config.blind_m or self._nothing_ahead():
             self._begin_turn()
             return self._turning()
         return self._hold_heading(self.config.cruise_mps)
+
+    def _nothing_ahead(self) -> bool:
+        """Return whether the surface ends right ahead and no way on has been seen."""
+        junction, end_m = self.progress.junction, self._plan.end_ahead_m
+        seen = junction is not None and junction.way_seen
+        return end_m <= self.config.end_before_m and not seen
 
     def _take_way_on(self) -> Velocity:
         """Go by the follower's road; where the surface ahead ends, its steering is too gentle."""

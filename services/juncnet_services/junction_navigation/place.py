@@ -15,8 +15,12 @@ CORRECTION = 0.42
 LARGEST_SCALE = 0.25
 MOUTH_BEFORE_M = 2.0
 """A junction's mouth, where its corners begin, lies this much before the edge visibly ends."""
+FALLEN_SIGMA_M = 1.0
+"""Standard deviation of where a model's score falls, beside that of the camera's geometry."""
 SIGHTED_SIGMA_M = 1.2
 """Standard deviation of a mouth known by an opening."""
+RISEN = 0.75
+"""Smoothed probability from which on a score that was not seen to rise surely has."""
 GATE = 2.5
 """Distances that differ by more than this many times their noise are of two places."""
 
@@ -40,8 +44,8 @@ def mouth_m(junction: Junction, band: JunctionBand, odometer_m: float) -> float:
     mouths = [sighted_mouth_m(sighting) for sighting in junction.sightings]
     sighted_m = sum(mouths) / len(mouths)
     if not junction.rise_seen:
-        return sighted_m
-    scored_variance = (SPREAD * band.d_far_m) ** 2
+        return _outlasted_m(junction, sighted_m, band, odometer_m)
+    scored_variance = _scored_sigma_m(junction, band) ** 2
     weight = scored_variance / (scored_variance + SIGHTED_SIGMA_M**2)
     mouth = weight * sighted_m + (1 - weight) * scored_m
     if junction.fall_m is None:
@@ -49,12 +53,28 @@ def mouth_m(junction: Junction, band: JunctionBand, odometer_m: float) -> float:
     return mouth
 
 
+def _outlasted_m(
+    junction: Junction, sighted_m: float, band: JunctionBand, odometer_m: float
+) -> float:
+    """Return where the mouth is by an opening, unless a score that rose since says: farther away.
+
+    Then the opening was another one, a path's or a drive's, before the junction.
+    """
+    if junction.probability < RISEN:
+        return sighted_m
+    if junction.fall_m is None:
+        farthest_m = sighted_m + band.d_far_m - band.d_near_m
+        return max(sighted_m, min(odometer_m + band.d_near_m, farthest_m))
+    fallen_m = junction.fall_m + band.d_near_m
+    return fallen_m if fallen_m - sighted_m > GATE * SIGHTED_SIGMA_M else sighted_m
+
+
 def agree(junction: Junction, sighting: Sighting, band: JunctionBand, odometer_m: float) -> bool:
     """Return whether an opening can be this junction's, as far as its score tells."""
     if not junction.rise_seen:
         return True
     apart_m = sighted_mouth_m(sighting) - scored_mouth_m(junction, band, odometer_m)
-    return abs(apart_m) <= GATE * math.hypot(SPREAD * band.d_far_m, SIGHTED_SIGMA_M)
+    return abs(apart_m) <= GATE * math.hypot(_scored_sigma_m(junction, band), SIGHTED_SIGMA_M)
 
 
 def scored_mouth_m(junction: Junction, band: JunctionBand, odometer_m: float) -> float:
@@ -80,6 +100,14 @@ def scored_mouth_m(junction: Junction, band: JunctionBand, odometer_m: float) ->
     fall_variance = (SPREAD * band.d_near_m) ** 2
     weight = rise_variance / (rise_variance + fall_variance)
     return weight * fall_m + (1 - weight) * rise_m
+
+
+def _scored_sigma_m(junction: Junction, band: JunctionBand) -> float:
+    """Return the standard deviation of where the score says the mouth is: less once it fell."""
+    rise_m = SPREAD * band.d_far_m
+    if junction.fall_m is None or not _plausible_fall(junction, band):
+        return rise_m
+    return min(rise_m, math.hypot(SPREAD * band.d_near_m, FALLEN_SIGMA_M))
 
 
 def odometer_scale(junction: Junction, band: JunctionBand) -> float:

@@ -77,10 +77,14 @@ class TurnProgress(BaseModel):
     lost_s: float = Field(default=0.0, ge=0)
     """Time without a road in sight since the turn ended, holds not counted."""
 
+    searched_anew: int = Field(default=0, ge=0)
+    """How often its road was lost and searched anew."""
+
     @property
     def searching_anew(self) -> "TurnProgress":
         """This turn with its search for the road begun again."""
-        return self.model_copy(update={"aligning_s": 0.0, "aligning_from_m": None, "lost_s": 0.0})
+        begun = {"aligning_s": 0.0, "aligning_from_m": None, "lost_s": 0.0}
+        return self.model_copy(update={**begun, "searched_anew": self.searched_anew + 1})
 
 
 class Progress(BaseModel):

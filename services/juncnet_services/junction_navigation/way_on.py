@@ -9,7 +9,7 @@ from juncnet_services.junction_navigation.progress import Progress
 
 AHEAD_RAD = math.radians(35)
 """How far off its heading a robot that crosses a junction may first see the way on."""
-FARTHEST_RAD = math.radians(45)
+FARTHEST_RAD = math.radians(35)
 """And how far off the road that it came by, where that road is known to end beyond the junction."""
 
 
@@ -20,14 +20,17 @@ def sees_way_on(
 
     It must have been sure once of a road ahead, or of one anywhere where the surface ahead ends.
     The way straight on may bend: the heading held from then on, while it is not seen, is the
-    newest. Where the surface is known to end straight ahead, it surely does.
+    newest. Where the surface is known to end straight ahead, it surely does, and a view of it that
+    is not sure is taken as long as none has been.
     """
     junction = state.junction
     if junction is None:
         return False
     towards_rad = inputs.road_towards_rad(state.yaw_rad)
     if plan.end_ahead_m < math.inf and junction.axis_rad is not None:
-        return inputs.road_visible and abs(towards_rad - junction.axis_rad) <= FARTHEST_RAD
+        near = abs(towards_rad - junction.axis_rad) <= FARTHEST_RAD
+        junction.way_seen = junction.way_seen or (near and inputs.road_certain)
+        return near and (inputs.road_certain or (inputs.road_visible and not junction.way_seen))
     if plan.mouth_ahead_m > -0.5 * plan.reach_m:
         return False
     ends_m = inputs.road_ends_m
