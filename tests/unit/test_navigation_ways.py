@@ -223,3 +223,18 @@ def test_a_score_that_lingers_fell_where_it_sank() -> None:
         if detector.smooth(NOW + number * STEP, probability) is False:
             falls.append(number * STEP / 1e9 - detector.fall_lag_s)
     assert falls == [pytest.approx(11 * STEP / 1e9, abs=0.02)]
+
+
+@pytest.mark.parametrize(
+    ("confidence", "towards_rad", "learned"),
+    [(1.0, 0.4, True), (0.6, 0.4, False), (1.0, 0.9, False)],
+)
+def test_before_a_turn_the_road_is_learned_from_views_of_itself_that_are_sure(
+    confidence: float, towards_rad: float, learned: bool
+) -> None:
+    state = crossing(LEFT)
+    state.phase, state.odometer_m = Phase.APPROACHING, BAND.d_far_m - 6.0
+    flown = navigator(state)
+    for number in range(1, 6):
+        step(flown, number, road(number, towards_rad, confidence=confidence))
+    assert (abs(flown.progress.heading_rad) > 0.05) is learned

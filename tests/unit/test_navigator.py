@@ -226,3 +226,23 @@ def test_a_road_lost_behind_the_turn_is_searched_anew(monkeypatch: pytest.Monkey
     again = (EventKind.TURN_STARTED, EventKind.TURN_FINISHED)
     assert tuple(flight.kinds) == (*FIRST_TURN[:4], *again, *FIRST_TURN[4:])
     assert flight.y > 5
+
+
+def test_a_rover_that_never_sees_its_road_again_stops_soon(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    flight = Flight(crossroads([0.0]), LEFT, NavigatorConfig(cruise_mps=2.0), ROVER)
+    while EventKind.TURN_FINISHED not in flight.kinds and flight.t < 60:
+        flight.tick()
+    x, y = flight.x, flight.y
+    monkeypatch.setattr(
+        flight,
+        "follow",
+        lambda header: RoadCommand(
+            header=header, source="road_following", velocity=None, confidence=0
+        ),
+    )
+    flight.run(60)
+    config = NavigatorConfig().turn
+    assert math.hypot(flight.x - x, flight.y - y) < config.align_m + 2.5
+    assert flight.command.forward_mps == 0

@@ -157,12 +157,13 @@ class Navigator:
     def _learn_axis(self, road: RoadCommand, yaw: float, elapsed_s: float) -> None:
         """Take a view of the road into its mean direction; a pause makes no view weigh more."""
         direction = yaw + (road.road.heading_rad if road.road is not None else 0.0)
-        axis = self.progress.axis_rad
+        axis, approaching = self.progress.axis_rad, self.progress.phase is Phase.APPROACHING
         if axis is None or abs(direction - axis) > math.pi / 4:
-            self.progress.axis_rad = direction
+            # Before a junction that is a side arm; elsewhere the road is another than was thought.
+            self.progress.axis_rad = axis if axis is not None and approaching else direction
             return
         weight = 1 - math.exp(-min(max(elapsed_s, 0.0), AXIS_STEP_S) / AXIS_S)
-        if self.progress.phase is Phase.APPROACHING:
+        if approaching:
             weight *= self._inputs.road_trust
         self.progress.axis_rad = axis + weight * (direction - axis)
         if road.road is not None:
@@ -239,9 +240,8 @@ class Navigator:
 
     def _nothing_ahead(self) -> bool:
         """Return whether the surface ends right ahead and no way on has been seen."""
-        junction, end_m = self.progress.junction, self._plan.end_ahead_m
-        seen = junction is not None and junction.way_seen
-        return end_m <= self.config.end_before_m and not seen
+        seen = self.progress.junction is not None and self.progress.junction.way_seen
+        return self._plan.end_ahead_m <= self.config.end_before_m and not seen
 
     def _take_way_on(self) -> Velocity:
         """Go by the follower's road; where the surface ahead ends, its steering is too gentle."""
@@ -277,7 +277,6 @@ class Navigator:
         seen = near and self._sight.agreed_rad is not None
         if seen or abs(error) <= self.config.turn.tolerance_rad:
             self.progress.phase = Phase.ALIGNING
-            turn.aligning_from_m = self.progress.odometer_m
             return self._aligning()
         if turn.elapsed_s > self.config.turn.timeout_s:
             return self._wait("the turn takes too long: does the vehicle yaw?")
@@ -292,8 +291,9 @@ class Navigator:
             return self._yaw_towards(self._sight.agreed_rad, turn)
         turn.aligning_s += self._elapsed_s
         if turn.radius_m > 0:
-            begun_m = state.odometer_m if turn.aligning_from_m is None else turn.aligning_from_m
-            if state.odometer_m - begun_m > config.align_m:
+            if turn.aligning_from_m is None:
+                turn.aligning_from_m = state.odometer_m
+            if state.odometer_m - turn.aligning_from_m > config.align_m:
                 return self._wait("no road is seen after the turn")
             return self._yaw_towards(turn.nominal_rad, turn)
         sign = math.copysign(1.0, turning.angle_rad(turn.turn))
