@@ -25,7 +25,7 @@ def test_options_come_from_the_layout_that_the_flight_runs(tmp_path: Path) -> No
     assert (shown.picture_rate_hz, shown.camera.height_m, shown.port) == (5, 1.25, 8099)
     assert not shown.view_only
     other = config(tmp_path, "--layout", "rover", "--port", "8100", "--view-only")
-    assert (other.port, other.view_only, other.camera.height_m) == (8100, True, 1.5)
+    assert (other.port, other.view_only, other.camera.height_m) == (8100, True, 2.2)
     with pytest.raises(LayoutError, match="picture_rate"):
         config(tmp_path, "--set", "dashboard.picture_rates_hz=5")
 

@@ -105,7 +105,7 @@ def test_configuration_names_worlds_and_looks() -> None:
     assert make_world(look).style.palette == "withheld"
     assert make_world(Config(seed=7)).name == "random-7"
     rover = make_camera(Config(vehicle="rover", width=640, height=480))
-    assert (rover.height_m, rover.aspect) == (1.5, pytest.approx(4 / 3))
+    assert (rover.height_m, rover.aspect) == (2.2, pytest.approx(4 / 3))
     with pytest.raises(ValidationError, match="crossing_town"):
         Config(world="atlantis")
     with pytest.raises(ValidationError, match="speeed"):

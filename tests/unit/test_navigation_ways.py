@@ -57,7 +57,7 @@ def vehicle(number: int, x_m: float = 0.0, yaw_rad: float = 0.0) -> VehicleState
 
 
 def road(
-    number: int, towards_rad: float, ends_m: float | None = None, confidence: float = 0.4
+    number: int, towards_rad: float, ends_m: float | None = None, confidence: float = 0.5
 ) -> RoadCommand:
     """A follower's road whose middle lies 6 m away at an angle; its steering is gentle."""
     middle = (6 * math.cos(towards_rad), 6 * math.sin(towards_rad))

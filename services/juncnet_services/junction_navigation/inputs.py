@@ -101,15 +101,17 @@ class Inputs:
     @property
     def road_certain(self) -> bool:
         """Whether the follower is sure enough to be believed on a junction's surface."""
-        road = self.road
-        return self.road_visible and road is not None and road.confidence >= CERTAIN
+        return self.road_confidence >= CERTAIN
+
+    @property
+    def road_confidence(self) -> float:
+        """How sure the follower is of the road that it sees; 0: it sees none."""
+        return 0.0 if self.road is None or not self.road_visible else self.road.confidence
 
     @property
     def road_trust(self) -> float:
         """How much of a follower's steering to take where side arms may mislead it, 0..1."""
-        if self.road is None or not self.road_visible:
-            return 0.0
-        return min(max((self.road.confidence - CERTAIN) / (TRUSTED - CERTAIN), 0.0), 1.0)
+        return min(max((self.road_confidence - CERTAIN) / (TRUSTED - CERTAIN), 0.0), 1.0)
 
     @property
     def _seen(self) -> RoadSeen | None:

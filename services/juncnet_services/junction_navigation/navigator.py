@@ -31,7 +31,7 @@ from juncnet_services.junction_navigation.speed import (
     scaled,
 )
 from juncnet_services.junction_navigation.store import FRESH, Resumed
-from juncnet_services.junction_navigation.way_on import sees_way_on
+from juncnet_services.junction_navigation.way_on import nothing_ahead, sees_way_on
 
 STANDING_MPS = 0.35
 AXIS_S, AXIS_STEP_S = 0.4, 0.1
@@ -155,11 +155,13 @@ class Navigator:
         return self.progress.phase is Phase.FOLLOWING
 
     def _learn_axis(self, road: RoadCommand, yaw: float, elapsed_s: float) -> None:
-        """Take a view of the road into its mean direction; a pause makes no view weigh more."""
+        """Take a view of the road into its mean direction; a pause makes no view weigh more.
+
+        One far off is of a side arm before a junction, elsewhere of another road.
+        """
         direction = yaw + (road.road.heading_rad if road.road is not None else 0.0)
         axis, approaching = self.progress.axis_rad, self.progress.phase is Phase.APPROACHING
         if axis is None or abs(direction - axis) > math.pi / 4:
-            # Before a junction that is a side arm; elsewhere the road is another than was thought.
             self.progress.axis_rad = axis if axis is not None and approaching else direction
             return
         weight = 1 - math.exp(-min(max(elapsed_s, 0.0), AXIS_STEP_S) / AXIS_S)
@@ -233,20 +235,15 @@ class Navigator:
             return self._drive()
         if sees_way_on(state, self._inputs, self._plan, self.config):
             return self._take_way_on()
-        if past_m >= self.config.blind_m or self._nothing_ahead():
+        if past_m >= self.config.blind_m or nothing_ahead(state, self._plan, self.config):
             self._begin_turn()
             return self._turning()
         return self._hold_heading(self.config.cruise_mps)
 
-    def _nothing_ahead(self) -> bool:
-        """Return whether the surface ends right ahead and no way on has been seen."""
-        seen = self.progress.junction is not None and self.progress.junction.way_seen
-        return self._plan.end_ahead_m <= self.config.end_before_m and not seen
-
     def _take_way_on(self) -> Velocity:
         """Go by the follower's road; where the surface ahead ends, its steering is too gentle."""
         state, speed_mps = self.progress, self.config.approach_mps
-        if self._plan.end_ahead_m < math.inf:
+        if self._plan.ends_here:
             state.axis_rad = self._inputs.road_towards_rad(state.yaw_rad)
             return self._hold_heading(speed_mps)
         state.axis_rad = state.yaw_rad

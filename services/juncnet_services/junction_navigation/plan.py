@@ -17,6 +17,8 @@ NARROWEST_M, WIDEST_M = 3.0, 12.0
 SHORTEST_OPENING_M, LONGEST_OPENING_M = 2.5, 15.0
 SURE_END = 4.0
 """Weight (inverse variance, 1/m^2) from which on the end of the robot's road is believed."""
+END_BEYOND_M = 2.0
+"""Distance behind a junction's far side up to which the surface's end is the junction's."""
 BESIDE_M = 1.2
 """An opening is seen this far beyond the edge of the robot's road."""
 
@@ -123,6 +125,12 @@ class JunctionPlan:
         if junction is None or junction.end_m is None or junction.end_weight < SURE_END:
             return math.inf
         return junction.end_m - self._progress.odometer_m
+
+    @property
+    def ends_here(self) -> bool:
+        """Whether the robot's road is known to end at the junction, not somewhere beyond it."""
+        behind_mouth_m = self.end_ahead_m - self.mouth_ahead_m
+        return behind_mouth_m <= 2 * self.reach_m + END_BEYOND_M
 
     @property
     def past_m(self) -> float:

@@ -1,4 +1,4 @@
-"""The way straight on behind a junction: whether the road that a follower sees is it."""
+"""The way straight on behind a junction: whether the road that a follower sees is it, or none."""
 
 import math
 
@@ -10,7 +10,9 @@ from juncnet_services.junction_navigation.progress import Progress
 AHEAD_RAD = math.radians(35)
 """How far off its heading a robot that crosses a junction may first see the way on."""
 FARTHEST_RAD = math.radians(35)
-"""And how far off the road that it came by, where that road is known to end beyond the junction."""
+"""And how far off the road that it came by, where that road is known to end at the junction."""
+LIKELY = 0.45
+"""Confidence of a view that is taken there though it is not certain."""
 
 
 def sees_way_on(
@@ -20,17 +22,18 @@ def sees_way_on(
 
     It must have been sure once of a road ahead, or of one anywhere where the surface ahead ends.
     The way straight on may bend: the heading held from then on, while it is not seen, is the
-    newest. Where the surface is known to end straight ahead, it surely does, and a view of it that
-    is not sure is taken as long as none has been.
+    newest. Where the surface is known to end straight ahead, it surely does, and a likely view of
+    it is taken as long as none has been certain.
     """
     junction = state.junction
     if junction is None:
         return False
     towards_rad = inputs.road_towards_rad(state.yaw_rad)
-    if plan.end_ahead_m < math.inf and junction.axis_rad is not None:
+    if plan.ends_here and junction.axis_rad is not None:
         near = abs(towards_rad - junction.axis_rad) <= FARTHEST_RAD
         junction.way_seen = junction.way_seen or (near and inputs.road_certain)
-        return near and (inputs.road_certain or (inputs.road_visible and not junction.way_seen))
+        likely = inputs.road_confidence >= LIKELY and not junction.way_seen
+        return near and (inputs.road_certain or likely)
     if plan.mouth_ahead_m > -0.5 * plan.reach_m:
         return False
     ends_m = inputs.road_ends_m
@@ -38,3 +41,9 @@ def sees_way_on(
     only = ends_m is not None and ends_m <= config.crossing_width_m
     junction.way_seen = junction.way_seen or (inputs.road_certain and (ahead or only))
     return junction.way_seen and inputs.road_visible
+
+
+def nothing_ahead(state: Progress, plan: JunctionPlan, config: NavigatorConfig) -> bool:
+    """Return whether the surface ends right ahead and no way on has been seen."""
+    seen = state.junction is not None and state.junction.way_seen
+    return plan.ends_here and plan.end_ahead_m <= config.end_before_m and not seen
