@@ -27,6 +27,11 @@ def turning_error_m(flight: Flight) -> float:
     return math.hypot(x, y)
 
 
+def unseen(header: Stamp) -> RoadCommand:
+    """What a follower says that sees no road."""
+    return RoadCommand(header=header, source="road_following", velocity=None, confidence=0)
+
+
 def config(height_m: float = 3.0, cruise_mps: float = 3.0) -> NavigatorConfig:
     return NavigatorConfig(camera=CameraGeometry(height_m=height_m), cruise_mps=cruise_mps)
 
@@ -215,9 +220,6 @@ def test_a_road_lost_behind_the_turn_is_searched_anew(monkeypatch: pytest.Monkey
     while EventKind.TURN_FINISHED not in flight.kinds and flight.t < 60:
         flight.tick()
 
-    def unseen(header: Stamp) -> RoadCommand:
-        return RoadCommand(header=header, source="road_following", velocity=None, confidence=0)
-
     with monkeypatch.context() as patched:
         patched.setattr(flight, "follow", unseen)
         flight.run(NavigatorConfig().turn.lost_s + 0.5)
@@ -235,13 +237,7 @@ def test_a_rover_that_never_sees_its_road_again_stops_soon(
     while EventKind.TURN_FINISHED not in flight.kinds and flight.t < 60:
         flight.tick()
     x, y = flight.x, flight.y
-    monkeypatch.setattr(
-        flight,
-        "follow",
-        lambda header: RoadCommand(
-            header=header, source="road_following", velocity=None, confidence=0
-        ),
-    )
+    monkeypatch.setattr(flight, "follow", unseen)
     flight.run(60)
     config = NavigatorConfig().turn
     assert math.hypot(flight.x - x, flight.y - y) < config.align_m + 2.5
