@@ -238,3 +238,18 @@ def test_before_a_turn_the_road_is_learned_from_views_of_itself_that_are_sure(
     for number in range(1, 6):
         step(flown, number, road(number, towards_rad, confidence=confidence))
     assert (abs(flown.progress.heading_rad) > 0.05) is learned
+
+
+def test_a_follower_that_is_never_very_sure_steers_all_the_same() -> None:
+    state = crossing(LEFT)
+    state.phase, state.odometer_m = Phase.FOLLOWING, 0.0
+    state.junction, state.turned = None, None
+    flown = navigator(state)
+    for number in range(1, 400):
+        step(flown, number, road(number, 0.0, confidence=0.5))
+    flown.progress.junction = Junction(rise_m=flown.progress.odometer_m)
+    flown.progress.phase = Phase.APPROACHING
+    wanted = step(flown, 400, road(400, 0.0, confidence=0.5))
+    assert wanted.yaw_rate_radps == pytest.approx(0.02, abs=0.001)
+    wanted = step(flown, 401, road(401, 0.0, confidence=0.31))
+    assert wanted.yaw_rate_radps == pytest.approx(0.0, abs=0.001)

@@ -10,6 +10,8 @@ from juncnet_services.junction_navigation.config import NavigatorConfig
 
 CERTAIN = 0.6
 TRUSTED = 0.9
+USUAL_SHARE = 0.01
+"""Weight of a view in what a follower's confidence usually is."""
 
 
 class Inputs:
@@ -25,6 +27,7 @@ class Inputs:
         self._offsets: Mapping[str, Offset] = {} if offsets is None else offsets
         self._scores, self._roads = ReplayGate(), ReplayGate()
         self._vehicle_ns = 0
+        self._usual = TRUSTED
         self.score: JunctionScore | None = None
         self.road: RoadCommand | None = None
         self.vehicle: VehicleState | None = None
@@ -55,6 +58,8 @@ class Inputs:
             return False
         self.road = road
         self._see(header)
+        if self.road_visible:
+            self._usual += USUAL_SHARE * (road.confidence - self._usual)
         return True
 
     def accept_vehicle(self, now: Instant, vehicle: VehicleState) -> None:
@@ -110,8 +115,13 @@ class Inputs:
 
     @property
     def road_trust(self) -> float:
-        """How much of a follower's steering to take where side arms may mislead it, 0..1."""
-        return min(max((self.road_confidence - CERTAIN) / (TRUSTED - CERTAIN), 0.0), 1.0)
+        """How much of a follower's steering to take where side arms may mislead it, 0..1.
+
+        A follower that is never very sure is measured by what it usually is.
+        """
+        usual = min(self._usual / TRUSTED, 1.0)
+        doubted = CERTAIN * usual
+        return min(max((self.road_confidence - doubted) / (TRUSTED * usual - doubted), 0.0), 1.0)
 
     @property
     def _seen(self) -> RoadSeen | None:
