@@ -25,7 +25,7 @@ class DetectorConfig(BaseModel):
     likely: float = Field(default=0.75, ge=0, lt=1)
     """What it must reach when it lasts for `long_fraction` of the band."""
     long_fraction: float = Field(default=0.65, ge=0, le=1)
-    """Part of the band that no score lasts that is not a junction's."""
+    """Part of the band that a risen score must last to be counted without being certain."""
     dip_m: float = Field(default=2.5, ge=0)
     """A fallen score that rises again within this distance was no fall."""
     gap_m: float = Field(default=3.0, ge=0)

@@ -120,8 +120,8 @@ class Inputs:
         A follower that is never very sure is measured by what it usually is.
         """
         usual = min(self._usual / TRUSTED, 1.0)
-        doubted = CERTAIN * usual
-        return min(max((self.road_confidence - doubted) / (TRUSTED * usual - doubted), 0.0), 1.0)
+        confidence = self.road_confidence / usual
+        return min(max((confidence - CERTAIN) / (TRUSTED - CERTAIN), 0.0), 1.0)
 
     @property
     def _seen(self) -> RoadSeen | None:

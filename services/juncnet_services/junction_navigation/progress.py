@@ -73,7 +73,7 @@ class TurnProgress(BaseModel):
     aligning_s: float = Field(default=0.0, ge=0)
     """Time since the nominal angle was reached, holds not counted."""
     aligning_from_m: float | None = None
-    """Odometer reading when it was reached."""
+    """Odometer reading where an arc's search for its road began; None: it has not."""
     lost_s: float = Field(default=0.0, ge=0)
     """Time without a road in sight since the turn ended, holds not counted."""
 
