@@ -1,4 +1,4 @@
-"""The navigator's parts: detector, mouth estimate, turning, inputs, odometry, store, missions."""
+"""The navigator's parts: detector, mouth estimate, turning, inputs, store, missions."""
 
 import math
 from pathlib import Path
@@ -14,7 +14,6 @@ from juncnet.messages import (
     ModelIdentity,
     Output,
     Phase,
-    Pose,
     RoadCommand,
     RoadSeen,
     Stamp,
@@ -31,7 +30,6 @@ from juncnet_services.junction_navigation.config import (
 from juncnet_services.junction_navigation.detector import JunctionDetector
 from juncnet_services.junction_navigation.missions import load_mission
 from juncnet_services.junction_navigation.navigator import Navigator
-from juncnet_services.junction_navigation.odometry import Odometry
 from juncnet_services.junction_navigation.place import mouth_m
 from juncnet_services.junction_navigation.progress import Junction, Progress
 from juncnet_services.junction_navigation.speed import braking_mps, feasible, scaled
@@ -232,41 +230,6 @@ def test_speeds() -> None:
     assert braking_mps(0.0, 1.0, 1.5, 0.3) == 0.0
     assert braking_mps(3.0, 0.0, 1.5, 0.3) == pytest.approx(3.0)
     assert 0 < braking_mps(0.1, 1.0, 1.5, 0.3) < 0.5
-
-
-# --- odometry ---
-
-
-def test_distance_is_measured_or_commanded() -> None:
-    state = progress()
-    odometry = Odometry(NavigatorConfig(), state, resumed=False)
-    for i in range(26):
-        odometry.advance(i * 40_000_000, vehicle(2.0))
-    assert state.odometer_m == pytest.approx(2.0)
-    assert odometry.at(500_000_000)[0] == pytest.approx(1.0)
-    silent = Capabilities(turns_in_place=True)
-    commanded = Velocity(forward_mps=2.0, yaw_rate_radps=1.0)
-    state = progress()
-    odometry = Odometry(NavigatorConfig(velocity_lag_s=0.0), state, resumed=False)
-    for i in range(26):
-        odometry.advance(i * 40_000_000, vehicle(capabilities=silent, commanded=commanded))
-    assert state.odometer_m == pytest.approx(2.0)
-    assert state.yaw_rad == pytest.approx(1.0)
-
-
-def test_yaw_is_unwrapped() -> None:
-    state = progress()
-    odometry = Odometry(NavigatorConfig(), state, resumed=False)
-    for i, yaw in enumerate((3.0, -3.0, -2.0)):
-        odometry.advance(i, vehicle(yaw_rad=yaw))
-    assert state.yaw_rad == pytest.approx(2 * math.pi - 2.0)
-
-
-def test_a_restart_goes_on_by_the_pose() -> None:
-    state = progress()
-    state.odometer_m, state.position_m = 50.0, (1.0, 1.0)
-    Odometry(NavigatorConfig(), state, True).advance(0, vehicle(pose=Pose(x_m=4.0, y_m=5.0)))
-    assert state.odometer_m == pytest.approx(55.0)
 
 
 # --- navigator: what it refuses and when it holds ---

@@ -29,7 +29,6 @@ from juncnet_services.junction_navigation.config import (
 )
 from juncnet_services.junction_navigation.detector import JunctionDetector
 from juncnet_services.junction_navigation.navigator import Navigator
-from juncnet_services.junction_navigation.odometry import Odometry
 from juncnet_services.junction_navigation.progress import Junction, Progress, TurnProgress
 from juncnet_services.junction_navigation.store import Resumed
 
@@ -200,18 +199,6 @@ def test_a_score_that_lasts_is_a_junctions_though_it_is_never_certain(
     state.candidate = Junction(rise_m=10.0, probability=0.8)
     state.odometer_m = 10.0 + part * (BAND.d_far_m - BAND.d_near_m)
     assert (detector.next_junction() is not None) is counted
-
-
-def test_a_silent_vehicle_went_as_far_as_its_pose_says() -> None:
-    state = Progress(flight="f", configured=STRAIGHT, mission=STRAIGHT)
-    odometry = Odometry(NavigatorConfig(), state, resumed=False)
-    odometry.advance(NOW, vehicle(0, x_m=0.0))
-    last = vehicle(1, x_m=0.08)
-    for number in range(1, 12):  # the last state is taken for the truth until it is too old
-        odometry.advance(NOW + number * STEP, last)
-    assert state.odometer_m == pytest.approx(0.88)
-    odometry.advance(NOW + 60 * STEP, vehicle(60, x_m=0.58))
-    assert state.odometer_m == pytest.approx(0.58)
 
 
 def test_a_score_that_lingers_fell_where_it_sank() -> None:

@@ -10,8 +10,6 @@ from juncnet_services.junction_navigation.progress import Progress
 
 HISTORY = 200
 MAX_STEP_S = 0.25
-SILENCE_S = 0.5
-"""Time without a vehicle's state after which its last speed says no more how far it went."""
 YAW_RATE_NS = 100_000_000
 OUTAGE_REACTION_S = 0.3
 """From what was known last to the hold of a robot whose pipeline was cut: at most 0.2 s each."""
@@ -35,10 +33,11 @@ class Odometry:
         self._progress = progress
         self._deceleration = config.deceleration_mps2
         self._lag_s = config.velocity_lag_s
+        self._silence_ns = config.vehicle_silence_s * 1e9
         self._resumed = resumed
         self._newest_ns: int | None = None
-        self._heard: tuple[VehicleState, float] | None = None
-        """The newest state of the vehicle, and the odometer reading when it came."""
+        self._heard: tuple[VehicleState, int, float] | None = None
+        """The newest state of the vehicle, when it came, and the odometer reading then."""
         self._past: deque[tuple[int, float, float]] = deque(maxlen=HISTORY)
 
     def advance(self, now_ns: int, vehicle: VehicleState) -> float:
@@ -46,9 +45,10 @@ class Odometry:
         state, elapsed_s = self._progress, 0.0
         if self._newest_ns is None and not self._resumed:
             state.odometer_m, state.speed_mps = 0.0, 0.0
-        elif self._newest_ns is None or now_ns - self._newest_ns > SILENCE_S * 1e9:
-            heard_m = state.odometer_m if self._heard is None else self._heard[1]
-            state.odometer_m = heard_m + self._outage_m(vehicle)
+        elif self._newest_ns is None or self._heard is None:
+            state.odometer_m += self._outage_m(vehicle)
+        elif vehicle is not self._heard[0] and now_ns - self._heard[1] > self._silence_ns:
+            state.odometer_m = self._heard[2] + self._outage_m(vehicle)
         else:
             elapsed_s = min(max(now_ns - self._newest_ns, 0) / 1e9, MAX_STEP_S)
         self._newest_ns = now_ns
@@ -67,7 +67,7 @@ class Odometry:
         if vehicle.pose is not None:
             state.position_m = (vehicle.pose.x_m, vehicle.pose.y_m)
         if self._heard is None or self._heard[0] is not vehicle:
-            self._heard = vehicle, state.odometer_m
+            self._heard = vehicle, now_ns, state.odometer_m
         self._past.append((now_ns, state.odometer_m, state.yaw_rad))
         return elapsed_s if vehicle.output is Output.PIPELINE else 0.0
 

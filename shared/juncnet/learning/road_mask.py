@@ -30,12 +30,14 @@ from juncnet.simulation.ground import GroundTexture
 from juncnet.simulation.palettes import jitter, palette_named
 from juncnet.simulation.render import Renderer
 from juncnet.simulation.towns import make_style, random_world
-from juncnet.simulation.world import World
+from juncnet.simulation.world import Road, World
 from juncnet.small_picture import SIZE, shrink
 
 TRAINING_SEED, TEST_SEED = 1_000_000, 1_900_000
 SHAPES = ((480, 270), (480, 270), (400, 300))
 """Sizes that training pictures are rendered at."""
+NEAR_JUNCTION_M, NEAR_JUNCTION = 14.0, 0.5
+"""So many of the pictures in training are from within this distance of a junction."""
 PALETTE_JITTER = 1.5
 """Of the colours in training, see `juncnet.simulation.palettes.jitter`."""
 MASK_SIZE = (SIZE[0] // 2, SIZE[1] // 2)
@@ -152,6 +154,8 @@ def _pose(world: World, rng: np.random.Generator, full_range: bool) -> tuple[flo
     roads = [world.roads[i] for i in sorted(world.roads)]
     road = roads[int(rng.integers(len(roads)))]
     at = int(rng.integers(1, len(road.centre) - 1))
+    if full_range and rng.random() < NEAR_JUNCTION:
+        road, at = _near_junction(world, rng)
     along = road.centre[at + 1] - road.centre[at - 1]
     if rng.random() < 0.5:
         along = -along
@@ -160,6 +164,18 @@ def _pose(world: World, rng: np.random.Generator, full_range: bool) -> tuple[flo
     x, y = road.centre[at] + aside * np.array([-math.sin(yaw), math.cos(yaw)])
     spread = 0.12 if not full_range or rng.random() < 0.5 else 0.45
     return (float(x), float(y), yaw + float(np.clip(rng.normal(0.0, spread), -0.8, 0.8)))
+
+
+def _near_junction(world: World, rng: np.random.Generator) -> tuple[Road, int]:
+    """Return an arm of a junction, and which point of its centre, near that junction."""
+    nodes = [node for node in sorted(world.nodes) if world.is_junction(node)]
+    node = nodes[int(rng.integers(len(nodes)))]
+    arms = world.roads_at(node)
+    road = arms[int(rng.integers(len(arms)))]
+    step_m = float(np.hypot(*(road.centre[1] - road.centre[0])))
+    last = len(road.centre) - 2
+    away = min(last, 1 + int(rng.uniform(0.0, NEAR_JUNCTION_M) / step_m))
+    return (road, away if node == road.a else last + 1 - away)
 
 
 def _sample(
