@@ -32,7 +32,9 @@ class Network:
         """The metadata of the file."""
         return dict(self._session.get_modelmeta().custom_metadata_map)
 
-    def run(self, inputs: NDArray[np.float32], name: str, output: str) -> NDArray[np.float32]:
+    def run(
+        self, inputs: NDArray[np.float32 | np.uint8], name: str, output: str
+    ) -> NDArray[np.float32]:
         """Return the output called `output`, float32, for `inputs` as the input called `name`."""
         (answer,) = self._session.run([output], {name: inputs})
         return np.asarray(answer, dtype=np.float32)

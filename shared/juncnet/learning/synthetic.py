@@ -15,7 +15,7 @@ from juncnet.camera import TRANSITION, CameraGeometry
 from juncnet.learning.imperfections import Faults, Lens
 from juncnet.learning.samples import LABELS, MASK_SIZE, Samples, small_mask
 from juncnet.shrink import shrink
-from juncnet.simulation.ground import GroundTexture
+from juncnet.simulation.ground import JUNCTION, GroundTexture
 from juncnet.simulation.palettes import jitter, palette_named
 from juncnet.simulation.render import Renderer
 from juncnet.simulation.roads import RoadNetwork, arm_ends, reverse_arm
@@ -27,6 +27,8 @@ SIZE = 64
 WIDTH, HEIGHT = 256, 144
 GROUND_M_PER_PX = 0.07
 CAMERAS_PER_WORLD = 3
+SURFACE_SHARE = 0.05
+"""Where so much of a picture is a junction's surface, it is learned though few mouths are seen."""
 Range = tuple[float, float]
 """Lowest and highest."""
 Poses = NDArray[np.float64]
@@ -97,17 +99,19 @@ def target(mouth_m: NDArray[np.float64], camera: CameraGeometry) -> NDArray[np.f
 
 
 def labelled(
-    poses: Poses, truth: GroundTruth, camera: CameraGeometry
+    poses: Poses, truth: GroundTruth, camera: CameraGeometry, masks: NDArray[np.uint8]
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return the label of each pose (index into `LABELS`) and the probability to learn.
 
-    Where the junction ahead is within the band but too little of it can be seen, there is nothing
-    to learn: NaN.
+    Where the junction ahead is within the band but too little of it can be seen, neither two of
+    its mouths nor, in `masks` (N, M, M), enough of its surface, there is nothing to learn: NaN.
     """
     names = [truth.label(float(p[0]), float(p[1]), float(p[2]), camera) for p in poses]
     labels = np.array([LABELS.index(name) for name in names], np.uint8)
     wanted = target(poses[:, 3], camera)
-    wanted[(wanted == 1) & (labels != LABELS.index("junction"))] = np.nan
+    hidden = (wanted == 1) & (labels != LABELS.index("junction"))
+    surface = (masks == JUNCTION).mean(axis=(1, 2))
+    wanted[hidden & (surface < SURFACE_SHARE)] = np.nan
     return labels, wanted
 
 
@@ -189,7 +193,7 @@ def world_samples(
         near_m = 1.6 * camera.band.d_far_m
         poses = sampler.draw(share, variety.wander, variety.near_junctions, near_m)
         gray, masks = _pictures(renderer, poses, variety, rng)
-        labels, wanted = labelled(poses, truth, camera)
+        labels, wanted = labelled(poses, truth, camera, masks)
         parts.append(
             Samples(
                 gray=gray,
