@@ -1,5 +1,8 @@
 """The road mask's files: the mean of two networks, and how a file is scored."""
 
+# Torch leaves these of its own members without types.
+# pyright: reportUnknownMemberType=false
+
 from pathlib import Path
 
 import numpy as np

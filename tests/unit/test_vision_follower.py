@@ -9,17 +9,30 @@ from numpy.typing import NDArray
 
 from juncnet.camera import CameraGeometry
 from juncnet.frames import Frame, FrameLayout
-from juncnet.messages import PixelFormat, Stamp
+from juncnet.messages import (
+    Capabilities,
+    Output,
+    PixelFormat,
+    Stamp,
+    VehicleState,
+    Velocity,
+)
 from juncnet.small_picture import SIZE, shrink
 from juncnet_services.road_following.centre_line import CentreLine, find
 from juncnet_services.road_following.follower import FollowerError, load_follower
 from juncnet_services.road_following.ground_view import GroundView
-from juncnet_services.road_following.masks import MaskError, NetworkMask
+from juncnet_services.road_following.masks import ColourMask, MaskError, NetworkMask
 from juncnet_services.road_following.steering import SteeringOptions, steer
 from juncnet_services.road_following.vision import VisionFollower, VisionOptions
 
 CAMERA = CameraGeometry()
 BUILT_IN = "juncnet_services.road_following.vision:VisionFollower"
+STANDING = VehicleState(
+    at=Stamp(epoch=1, sequence=0, time_ns=0, clock="test"),
+    capabilities=Capabilities(turns_in_place=True, telemetry=True),
+    velocity=Velocity(),
+    output=Output.PIPELINE,
+)
 GRASS, ASPHALT = (110, 105, 120), (75, 130, 126)
 
 
@@ -125,6 +138,26 @@ def test_follower_by_colour_sees_the_offset(offset_m: float) -> None:
     near = min(proposal.road.centre, key=lambda point: point[0])
     assert near[1] == pytest.approx(offset_m, abs=0.3)
     assert proposal.confidence > 0.5
+
+
+def test_a_road_that_becomes_narrower_at_one_side_is_measured_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shown = CentreLine()
+
+    def probability(mask: ColourMask, small: NDArray[np.uint8]) -> NDArray[np.float32]:
+        del mask, small
+        return road_mask(shown)
+
+    monkeypatch.setattr(ColourMask, "probability", probability)
+    follower = VisionFollower(VisionOptions(mask="colour"))
+    for frames, offset_m, half_m in ((30, 0.0, 3.85), (30, 1.75, 2.1)):
+        shown = CentreLine(offset_m=offset_m, half_width_m=half_m)
+        for _ in range(frames):
+            follower.follow(picture(0.0), STANDING)
+        assert follower.line is not None
+        assert follower.line.half_width_m == pytest.approx(half_m, abs=0.2)
+        assert follower.line.offset_m == pytest.approx(offset_m, abs=0.2)
 
 
 def test_small_picture_is_the_same_from_every_format() -> None:

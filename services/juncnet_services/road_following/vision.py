@@ -14,6 +14,7 @@ from juncnet.frames import Frame
 from juncnet.messages import RoadSeen, Stamp, VehicleState
 from juncnet.small_picture import shrink
 from juncnet_services.road_following.centre_line import (
+    INWARD_M,
     KNOWN_WIDTH_SIGMA_M,
     PRIOR_SIGMA,
     CentreLine,
@@ -38,7 +39,7 @@ fitted to (farther ahead it is a guess), and how finely."""
 AHEAD = 0.3
 """Half the width of what lies straight ahead, in half-widths of the road."""
 WRONG_M, WRONG_SHARE = 1.0, 0.6
-"""Where most of the nearest edges lie this far from the line's own, the line is not the road's."""
+"""Where most of the nearest edges lie this far outside, the line is not the road's."""
 
 
 class VisionOptions(BaseModel):
@@ -189,10 +190,16 @@ class VisionFollower:
 
 
 def _elsewhere(line: CentreLine, edges: RoadEdges) -> bool:
-    """Return whether the road's nearest edges, left or right, lie well outside the line's."""
+    """Return whether most of the nearest edges, left or right, are not the line's own.
+
+    They lie well outside, or so far inside that the fit leaves them out: the road has become
+    narrower, as behind a junction.
+    """
     near = slice(0, edges.x_m.size // 3)
     middle = line.y(edges.x_m[near])
     half = line.half_width_m * np.hypot(1.0, line.slope(edges.x_m[near]))
-    left = (edges.left_m[near] - middle - half > WRONG_M) & ~edges.left_open[near]
-    right = (middle - half - edges.right_m[near] > WRONG_M) & ~edges.right_open[near]
-    return bool(left.mean() > WRONG_SHARE or right.mean() > WRONG_SHARE)
+    left = edges.left_m[near] - middle - half
+    right = middle - half - edges.right_m[near]
+    wrong_left = ((left > WRONG_M) | (left < -INWARD_M)) & ~edges.left_open[near]
+    wrong_right = ((right > WRONG_M) | (right < -INWARD_M)) & ~edges.right_open[near]
+    return bool(wrong_left.mean() > WRONG_SHARE or wrong_right.mean() > WRONG_SHARE)
