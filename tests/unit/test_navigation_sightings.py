@@ -56,12 +56,24 @@ def test_an_opening_seen_for_long_with_some_score_is_a_junction_where_it_is() ->
 
 @pytest.mark.parametrize(
     ("travelled_m", "smoothed", "every"),
-    [(8.0, 0.3, 1), (1.5, 0.6, 1), (8.0, 0.6, 3)],
-    ids=["the score denies it", "seen too shortly", "missed more often than seen"],
+    [(8.0, 0.05, 1), (5.0, 0.3, 1), (8.0, 0.3, 2), (1.5, 0.6, 1), (8.0, 0.6, 3)],
+    ids=[
+        "the score denies it",
+        "some score, not seen for long enough",
+        "some score, missed too often",
+        "seen too shortly",
+        "missed more often than seen",
+    ],
 )
 def test_what_is_not_sure_is_no_junction(travelled_m: float, smoothed: float, every: int) -> None:
     sightings = approach(progress(), 15.0, travelled_m, smoothed, every)
     assert sightings.next_junction(free_m=-math.inf) is None
+
+
+def test_a_plain_opening_needs_no_more_than_a_hint_of_a_score() -> None:
+    found = approach(progress(), 15.0, 8.0, smoothed=0.2).next_junction(free_m=-math.inf)
+    assert found is not None
+    assert mouth_m(found, BAND, 8.0) == pytest.approx(15.0 - MOUTH_BEFORE_M, abs=0.15)
 
 
 def test_an_opening_before_another_junction_may_begin_is_none() -> None:

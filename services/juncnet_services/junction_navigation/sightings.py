@@ -20,6 +20,10 @@ SURE_FRAMES = 8
 """in so many pictures, and in more than it was missed in,"""
 SURE_PROBABILITY = 0.42
 """and with a mean score that does not deny it."""
+PLAIN_HEIGHTS, PLAIN_FRAMES, PLAIN_MISSED = 2.0, 20, 0.2
+"""A plain one was seen over so many heights, in so many pictures, and hardly ever missed:"""
+PLAIN_PROBABILITY = 0.1
+"""it counts with a score that only hints at it."""
 SAME_M = 5.0
 """Openings left and right that are no farther apart are of one junction."""
 SCORED_BAND = 0.8
@@ -32,6 +36,7 @@ class Sightings:
 
     def __init__(self, camera: CameraGeometry, progress: Progress) -> None:
         self._band, self._progress = camera.band, progress
+        self._height_m = camera.height_m
         self._sure_m = SURE_HEIGHTS * camera.height_m
 
     def see(self, road: RoadSeen, at_m: float) -> None:
@@ -96,8 +101,17 @@ class Sightings:
             sighting.last_m - sighting.first_m >= self._sure_m
             and sighting.frames >= max(SURE_FRAMES, sighting.missed)
             and sighting.scored >= SURE_FRAMES
-            and sighting.probability >= SURE_PROBABILITY
+            and sighting.probability >= self._least_probability(sighting)
         )
+
+    def _least_probability(self, sighting: Sighting) -> float:
+        """Return the mean score that an opening needs to be a junction's."""
+        plain = (
+            sighting.last_m - sighting.first_m >= PLAIN_HEIGHTS * self._height_m
+            and sighting.frames >= PLAIN_FRAMES
+            and sighting.missed <= PLAIN_MISSED * sighting.frames
+        )
+        return PLAIN_PROBABILITY if plain else SURE_PROBABILITY
 
     def _worth_keeping(self, sighting: Sighting) -> bool:
         passed = sighting.near_m < self._progress.odometer_m - FORGET_M
