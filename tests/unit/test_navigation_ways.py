@@ -162,7 +162,16 @@ def test_another_road_than_that_turned_into_is_told(
     turn: Turn, direction_deg: float, astray: bool
 ) -> None:
     seen = road(1, math.radians(direction_deg) - 0.5)
-    assert turning.is_astray(seen, 0.5, turned(turn), TurnConfig()) is astray
+    assert turning.is_astray(seen, 0.0, 0.5, turned(turn), TurnConfig()) is astray
+
+
+@pytest.mark.parametrize(("driven_m", "astray"), [(1.0, True), (8.0, False)])
+def test_the_road_behind_a_turn_may_bend_as_the_robot_goes_on(
+    driven_m: float, astray: bool
+) -> None:
+    turn = turned(LEFT.turns[0]).model_copy(update={"ended_m": 20.0})
+    seen = road(1, math.radians(10.0) - 0.5)
+    assert turning.is_astray(seen, 20.0 + driven_m, 0.5, turn, TurnConfig()) is astray
 
 
 def test_a_robot_drawn_to_another_road_behind_its_turn_searches_its_own() -> None:

@@ -141,7 +141,8 @@ class Navigator:
             self._sight.look(road, yaw, turn.nominal_rad + middle, within, least)
             return
         if self.progress.turned is not None:
-            self._astray = turning.is_astray(road, yaw, self.progress.turned, self.config.turn)
+            turned = self.progress.turned
+            self._astray = turning.is_astray(road, at_m, yaw, turned, self.config.turn)
         if self._steered and self._inputs.road_visible and previous is not None:
             self._learn_axis(road, yaw, (header.time_ns - previous.header.time_ns) / 1e9)
 
@@ -305,7 +306,8 @@ class Navigator:
         self._event(EventKind.TURN_FINISHED)
         state.axis_rad = self._sight.agreed_rad
         state.leave_m = state.odometer_m + self._plan.reach_m + self.config.exit_margin_m
-        state.turn, state.turned, state.phase = None, state.turn, Phase.FOLLOWING
+        state.turned = self._under_way.model_copy(update={"ended_m": state.odometer_m})
+        state.turn, state.phase = None, Phase.FOLLOWING
         self._astray = False
         return self._following()
 

@@ -74,16 +74,17 @@ class TurnProgress(BaseModel):
     """Time since the nominal angle was reached, holds not counted."""
     aligning_from_m: float | None = None
     """Odometer reading where an arc's search for its road began; None: it has not."""
+    ended_m: float | None = None
+    """Odometer reading where the robot was on its road; None: it is under way."""
     lost_s: float = Field(default=0.0, ge=0)
     """Time without a road in sight since the turn ended, holds not counted."""
-
     searched_anew: int = Field(default=0, ge=0)
     """How often its road was lost and searched anew."""
 
     @property
     def searching_anew(self) -> "TurnProgress":
         """This turn with its search for the road begun again."""
-        begun = {"aligning_s": 0.0, "aligning_from_m": None, "lost_s": 0.0}
+        begun = {"aligning_s": 0.0, "aligning_from_m": None, "ended_m": None, "lost_s": 0.0}
         return self.model_copy(update={**begun, "searched_anew": self.searched_anew + 1})
 
 

@@ -10,7 +10,9 @@ NOMINAL_RAD = {"left": math.pi / 2, "right": -math.pi / 2, "straight": 0.0}
 LONGEST_TANGENT_RAD = math.radians(120)
 STRAIGHT_RAD = math.radians(15)
 ASTRAY_RAD = 0.25
-"""How far behind a turn its road may lie outside of where it was searched: it may bend there."""
+"""How far behind a turn its road may lie outside of where it was searched;"""
+BEND_RADIUS_M = 15.0
+"""and the farther the robot has gone, the more the road may have bent."""
 MISS = 2
 """Frames with a view that one without it outweighs."""
 
@@ -66,16 +68,20 @@ def search_arc(turn: Turn, aligning_s: float, config: TurnConfig) -> tuple[float
     return 0.0, far
 
 
-def is_astray(road: RoadCommand, yaw: float, turn: TurnProgress, config: TurnConfig) -> bool:
+def is_astray(
+    road: RoadCommand, at_m: float, yaw: float, turn: TurnProgress, config: TurnConfig
+) -> bool:
     """Return whether a follower's road, seen from `yaw` behind a turn, is no road of that turn.
 
-    It may bend behind the junction, so it may lie a little outside of where it was searched.
+    `at_m` is the odometer reading there.
     """
     if road.road is None:
         return False
     middle, within = search_arc(turn.turn, turn.aligning_s, config)
     direction = yaw + road.road.heading_rad
-    return abs(direction - turn.nominal_rad - middle) > within + ASTRAY_RAD
+    driven_m = 0.0 if turn.ended_m is None else at_m - turn.ended_m
+    limit = within + ASTRAY_RAD + driven_m / BEND_RADIUS_M
+    return abs(direction - turn.nominal_rad - middle) > limit
 
 
 def sweep_rad(seconds: float, sign: float, limit: float, config: TurnConfig) -> float:
