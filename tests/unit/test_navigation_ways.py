@@ -210,15 +210,24 @@ def test_a_score_that_lasts_is_a_junctions_though_it_is_never_certain(
     assert (detector.next_junction() is not None) is counted
 
 
-def test_a_score_that_lingers_fell_where_it_sank() -> None:
+@pytest.mark.parametrize(
+    ("scores", "fell_at"),
+    [
+        ([0.0, *[1.0] * 10, *[0.42] * 25, *[0.0] * 5], 10.5),
+        ([0.0, *[1.0] * 10, *[0.7] * 20, *[0.0] * 5], 20.5),
+    ],
+    ids=["lingers below what it rises at", "sinks slowly"],
+)
+def test_a_score_that_lingers_fell_half_way_from_certain(
+    scores: list[float], fell_at: float
+) -> None:
     state = Progress(flight="f", configured=STRAIGHT, mission=STRAIGHT)
     detector = JunctionDetector(DetectorConfig(smoothing_s=0.01), BAND, state)
     falls: list[float] = []
-    scores = [0.0, *[1.0] * 10, *[0.42] * 25, *[0.0] * 5]
     for number, probability in enumerate(scores):
         if detector.smooth(NOW + number * STEP, probability) is False:
             falls.append(number * STEP / 1e9 - detector.fall_lag_s)
-    assert falls == [pytest.approx(11 * STEP / 1e9, abs=0.02)]
+    assert falls == [pytest.approx(fell_at * STEP / 1e9, abs=0.02)]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,8 @@ from juncnet_services.junction_navigation.place import mouth_m
 from juncnet_services.junction_navigation.progress import Junction, Progress
 
 MAX_STEP_S = 0.5
+SINKING_NS = 1_000_000_000
+"""A score that fell had been sinking for no longer than this."""
 
 
 class JunctionDetector:
@@ -21,8 +23,10 @@ class JunctionDetector:
         self.rise_lag_s = config.smoothing_s * math.log(1 / (1 - config.enter))
         """How much later than a step of the score the smoothed score rises."""
         self.fall_lag_s = 0.0
-        """How much earlier than it was told the last fall began: where the score went below what it
-        rises at, and as much as the smoothing delays that. Some scores linger before they fall."""
+        """How much earlier than it was told the last fall was: half-way from where the score was
+        last certain to where it went below what it rises at, and as much as the smoothing delays
+        that. Some scores linger before they fall."""
+        self._certain_ns: int | None = None
         self._sank_ns: int | None = None
         self.thresholds = Thresholds(enter=config.enter, certain=config.certain, leave=config.leave)
         """What decides, as it is told to whoever watches."""
@@ -54,11 +58,18 @@ class JunctionDetector:
         return state.high
 
     def _watch_sinking(self, time_ns: int) -> None:
-        if not self._progress.high or self._progress.smoothed > self.config.enter:
+        smoothed = self._progress.smoothed
+        if not self._progress.high:
+            self._certain_ns = self._sank_ns = None
+            return
+        if smoothed >= self.config.certain:
+            self._certain_ns = time_ns
+        if smoothed > self.config.enter:
             self._sank_ns = None
             return
         if self._sank_ns is None:
-            self._sank_ns = time_ns
+            certain_ns = time_ns if self._certain_ns is None else self._certain_ns
+            self._sank_ns = (max(certain_ns, time_ns - SINKING_NS) + time_ns) // 2
         delay_s = self.config.smoothing_s * math.log(1 / self.config.enter)
         self.fall_lag_s = (time_ns - self._sank_ns) / 1e9 + delay_s
 
