@@ -1,8 +1,9 @@
 """The road mask network of the built-in follower: pictures of simulated worlds, training, export.
 
-`python -m juncnet.learning.road_mask --out FILE` trains a network by the recipe of the second of the
-two that the shipped one is the mean of, in about an hour on one core. Everything is drawn from `--seed`. Worlds have seeds from
-1,000,000; those that are scored from 1,900,000. The palette `withheld` is scored and nothing else.
+`python -m juncnet.learning.road_mask --out FILE` trains a network by the recipe of the second of
+the two that the shipped one is the mean of, in about an hour on one core. Everything is drawn from
+`--seed`. Worlds have seeds from 1,000,000; those that are scored from 1,900,000. The palette
+`withheld` is scored and nothing else.
 """
 
 # Torch leaves these of its own members without types.
@@ -347,7 +348,7 @@ def main() -> None:
     parser.add_argument("--limit-s", type=float, default=7200.0, help="training ends after this")
     options = parser.parse_args()
     if options.mean_with and (options.score or not options.mean_with.is_file()):
-        parser.error(f"--mean-with {options.mean_with}: name an existing mask, and train with --out")
+        parser.error(f"--mean-with {options.mean_with}: name an existing mask, and use --out")
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     file: Path = options.score or options.out
