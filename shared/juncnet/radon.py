@@ -169,8 +169,13 @@ def linear_samples(
 
 def outside_circle(size: int) -> NDArray[np.bool_]:
     """Return which pixels of a (size, size) picture lie outside its inscribed circle."""
+    return distance_from_axis(size) > size // 2
+
+
+def distance_from_axis(size: int) -> Floats:
+    """Return how far each pixel of a (size, size) picture lies from the rotation axis [pixels]."""
     axis = np.arange(size) - size // 2
-    return axis**2 + axis[:, None] ** 2 > (size // 2) ** 2
+    return np.sqrt(axis**2 + axis[:, None] ** 2)
 
 
 def back_projection_size(offsets: int, circle: bool) -> int:

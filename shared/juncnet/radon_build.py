@@ -1,52 +1,82 @@
 """Building the matrix of a reconstruction map, angle by angle."""
 
+from itertools import accumulate
+from math import sqrt
+
 import numpy as np
 
 from juncnet import radon
 from juncnet.radon import Floats
-from juncnet.radon_geometry import Geometry, Symmetry
-from juncnet.radon_operator import Blocks, Correction, Indices, Matrix, coordinates
+from juncnet.radon_geometry import (
+    Geometry,
+    Indices,
+    Symmetry,
+    block_rows,
+    part_indices,
+    reconstructed,
+)
+from juncnet.radon_operator import Blocks, Correction, Matrix, coordinates
 
-NEGLIGIBLE = 1e-9
-"""Weights below this are the rounding of sines and cosines."""
+NEGLIGIBLE = 1e-7
+"""What no picture in [0, 1] could show: the rounding of sines, cosines and sums."""
+PARTS = ("ee", "eo", "oe", "oo")
+"""A picture's parts, even or odd under the mirrors of rows and of columns, as they are folded."""
 
 
 def build(geometry: Geometry) -> Matrix:
     """Return the map's matrix, float32, within seconds for 64x64 pictures and 180 angles."""
     blocks = _build_blocks(geometry)
-    if geometry.symmetry is Symmetry.NONE:
+    if geometry.lattice == geometry.offsets:
         return Matrix(blocks)
-    cut = _cut_off(geometry)
-    corrections = (_rim_correction(geometry, cut), _cut_correction(geometry, cut))
-    return Matrix(blocks, tuple(c for c in corrections if c.matrix.size))
+    return Matrix(blocks, _rim_corrections(geometry), _cut_correction(geometry))
 
 
 def _build_blocks(geometry: Geometry) -> Blocks:
-    """Return the map's matrix by blocks, float32 (n, n) each, rows out and columns in.
+    """Return the map's matrix by blocks, float32, rows out and columns in.
 
-    Names: `all` without symmetry; else e and o for parts even and odd under the row mirror, then
-    the column mirror; + and - under the diagonal one. Summed over the angles; of two angles that
-    mirror each other one is enough, counted twice.
+    They are those of the symmetric lattice. Summed over the angles; of two angles that mirror each
+    other one is enough, counted twice.
     """
     symmetry = geometry.symmetry
-    offsets, size = geometry.lattice, geometry.domain
-    matrix = _filter(geometry)
-    back_size = len(matrix)
+    rows = block_rows(geometry)
+    even, _ = _lattice_weights(geometry)
     blocks: Blocks = {}
     for angle, count in _distinct_angles(geometry):
-        forward = _forward_matrix(angle, offsets, size)
-        backward = _backward_matrix(angle, back_size, size, geometry.circle)
-        filtered = (matrix @ forward.reshape(offsets, -1)).reshape(back_size, size, size)
-        into = coordinates(filtered.astype(np.float32), symmetry, centre=0.5)
-        out = coordinates(backward.astype(np.float32), symmetry, centre=1.0)
-        scale = np.float32(count * np.pi / (2 * len(geometry.angles_deg)))
+        into, out = _both_ways(geometry, angle, even, symmetry)
         for name, part in into.items():
-            product = np.matmul((out[name] * scale).T, part, dtype=np.float32)
-            if name in blocks:
-                blocks[name] += product
-            else:
-                blocks[name] = product
+            block = np.matmul(
+                out[name][:, rows[name]].T, part * np.float32(count), dtype=np.float32
+            )
+            blocks[name] = blocks[name] + block if name in blocks else block
     return blocks
+
+
+def _both_ways(
+    geometry: Geometry, angle: float, lattice: Floats, symmetry: Symmetry
+) -> tuple[Blocks, Blocks]:
+    """Return one angle's part of the map, (R', n) for each part of the picture: filtered projection
+    and back-projection."""
+    filtering, size = _filter(geometry), geometry.domain
+    forward = _forward_matrix(angle, lattice, size)
+    filtered = (filtering @ forward.reshape(len(lattice), -1)).reshape(-1, size, size)
+    backward = _backward_matrix(angle, len(filtering), size, geometry.circle)
+    backward *= np.pi / (2 * len(geometry.angles_deg))
+    return (
+        coordinates(filtered.astype(np.float32), symmetry, centre=0.5),
+        coordinates(backward.astype(np.float32), symmetry, centre=1.0),
+    )
+
+
+def _lattice_weights(geometry: Geometry) -> tuple[Floats, Floats]:
+    """Return how much each point (y, rho) of the lattice counts: the part that is even under both
+    its mirrors, and the rest. Their sum is one, but zero on the last row and column where the
+    lattice has been given an opposite of its first ones."""
+    even, odd = np.ones(geometry.lattice), np.zeros(geometry.lattice)
+    if geometry.lattice != geometry.offsets:
+        even[[0, -1]] = 0.5
+        odd[[0, -1]] = 0.5, -0.5
+    symmetric = np.outer(even, even)
+    return symmetric, np.outer(even + odd, even + odd) - symmetric
 
 
 def _filter(geometry: Geometry) -> Floats:
@@ -70,65 +100,53 @@ def _cut_off(geometry: Geometry) -> Indices:
     return np.flatnonzero(missed)
 
 
-def _rim_correction(geometry: Geometry, cut: Indices) -> Correction:
-    """Return what takes back the lattice points that the mirrored lattice has too many.
+def _rim_corrections(geometry: Geometry) -> tuple[Correction, ...]:
+    """Return what the rest of the lattice adds: to each part of the picture, from the others.
 
-    They lie in its last row and its last column, so only pixels at the rim are concerned.
+    The rest lies on the lattice's edges, so its sources are pixels at the rim.
     """
-    size, lattice = geometry.size, geometry.lattice
-    inside = np.ones((size, size), bool)
-    if geometry.circle:
-        inside = ~radon.outside_circle(size)
-    inside.ravel()[cut] = False
-    targets = np.flatnonzero(inside)
-    if lattice == geometry.offsets:
-        return Correction(targets, targets[:0], np.zeros((len(targets), 0), np.float32))
-    touched = np.zeros(size * size)
+    _, rest = _lattice_weights(geometry)
+    distance = radon.distance_from_axis(geometry.domain)
+    rim = part_indices(distance > geometry.offsets // 2 - sqrt(2.0))
+    rows = part_indices(reconstructed(geometry))
+    total: Blocks = {}
     for angle in geometry.angles_deg:
-        touched += _extra_matrix(geometry, angle).sum(axis=0)
-    sources = np.flatnonzero(touched > NEGLIGIBLE)
-    total = np.zeros((len(targets), len(sources)), np.float32)
-    filtering = _filter(geometry)
-    for angle in geometry.angles_deg:
-        back = _backward_matrix(angle, len(filtering), size, geometry.circle)
-        back = back.reshape(len(filtering), -1)[:, targets].astype(np.float32)
-        total += back.T @ (filtering @ _extra_matrix(geometry, angle)[:, sources]).astype(
-            np.float32
+        into, out = _both_ways(geometry, angle, rest, Symmetry.MIRRORS)
+        for part in PARTS:
+            others = np.hstack([into[other][:, rim[other]] for other in PARTS if other != part])
+            added = out[part][:, rows[part]].T @ others
+            total[part] = total[part] + added if part in total else added
+    sizes = [len(indices) for indices in part_indices(distance >= 0.0).values()]
+    start: dict[str, int] = dict(zip(PARTS, accumulate(sizes, initial=0), strict=False))
+    corrections: list[Correction] = []
+    for part, matrix in total.items():
+        sources = np.hstack([start[other] + rim[other] for other in PARTS if other != part])
+        reached = np.abs(matrix).max(axis=0, initial=0.0) > NEGLIGIBLE
+        corrections.append(
+            Correction(start[part] + rows[part], sources[reached], matrix[:, reached])
         )
-    total *= np.float32(-np.pi / (2 * len(geometry.angles_deg)))
-    return Correction(targets, sources, total)
+    return tuple(corrections)
 
 
-def _cut_correction(geometry: Geometry, cut: Indices) -> Correction:
-    """Return the difference of the true map and the mirrored one for the pixels `cut`."""
-    size, offsets = geometry.size, geometry.offsets
-    sources = np.arange(size * size)
-    total = np.zeros((len(cut), len(sources)))
+def _cut_correction(geometry: Geometry) -> tuple[Correction, ...]:
+    """Return the difference of the true map and the mirrored one for the pixels that only the
+    latter's back-projection reaches."""
+    cut, size, offsets = _cut_off(geometry), geometry.size, geometry.offsets
     if not len(cut):
-        return Correction(cut, sources, total.astype(np.float32))
+        return ()
+    total = np.zeros((len(cut), size * size))
+    even, rest = _lattice_weights(geometry)
     mirrored_filter = _filter(geometry)
     true_filter = radon.filter_matrix(offsets, geometry.filter_name, geometry.circle)
     for angle in geometry.angles_deg:
-        forward = _forward_matrix(angle, geometry.lattice, geometry.domain)[:, :size, :size]
-        forward = forward.reshape(geometry.lattice, -1)
-        true = (forward - _extra_matrix(geometry, angle))[:offsets]
-        for sign, filtering, projection in (
-            (1.0, true_filter, true),
-            (-1.0, mirrored_filter, forward),
-        ):
+        forward = _forward_matrix(angle, even + rest, geometry.domain)
+        projection = forward[:, :size, :size].reshape(geometry.lattice, -1)
+        for sign, filtering in ((1.0, true_filter), (-1.0, mirrored_filter)):
             back = _backward_matrix(angle, len(filtering), size, geometry.circle)
             back = back.reshape(len(filtering), -1)[:, cut]
-            total += sign * (back.T @ filtering) @ projection
+            total += sign * (back.T @ filtering) @ projection[: filtering.shape[1]]
     total *= np.pi / (2 * len(geometry.angles_deg))
-    return Correction(cut, sources, total.astype(np.float32))
-
-
-def _extra_matrix(geometry: Geometry, angle: float) -> Floats:
-    """Return the part of a projection (lattice, S * S) that is due to the lattice's last row and
-    column, of which the true lattice has none."""
-    size = geometry.size
-    matrix = _forward_matrix(angle, geometry.lattice, geometry.domain, only_last=True)
-    return matrix[:, :size, :size].reshape(geometry.lattice, -1)
+    return (Correction(cut, np.arange(size * size), total.astype(np.float32)),)
 
 
 def _distinct_angles(geometry: Geometry) -> list[tuple[float, int]]:
@@ -142,19 +160,16 @@ def _distinct_angles(geometry: Geometry) -> list[tuple[float, int]]:
     return [(same[0], len(same)) for same in counts.values()]
 
 
-def _forward_matrix(angle: float, offsets: int, size: int, only_last: bool = False) -> Floats:
-    """Return one projection as a matrix (R, size, size): its offsets from the picture's pixels.
-
-    `only_last`: only what the lattice's last row and last column contribute.
-    """
+def _forward_matrix(angle: float, lattice: Floats, size: int) -> Floats:
+    """Return one projection as a matrix (R, size, size): its offsets from the picture's pixels, its
+    points weighed by `lattice` (R, R)."""
+    offsets = len(lattice)
     origin = (float(size // 2), float(size // 2))
     index, weight = radon.bilinear_samples(angle, offsets, (size, size), origin)
-    if only_last:
-        weight[:, :-1, :-1] = 0.0
     bordered = (size + 2) ** 2
     target = index + np.arange(offsets) * bordered
     matrix = np.zeros(offsets * bordered)
-    matrix += np.bincount(target.ravel(), weight.ravel(), minlength=len(matrix))
+    matrix += np.bincount(target.ravel(), (weight * lattice).ravel(), minlength=len(matrix))
     return matrix.reshape(offsets, size + 2, size + 2)[:, 1:-1, 1:-1]
 
 

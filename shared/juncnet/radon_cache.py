@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from juncnet import radon, radon_build, radon_geometry, radon_operator
 from juncnet.radon_build import build
-from juncnet.radon_geometry import Geometry, block_sizes
+from juncnet.radon_geometry import Geometry, block_rows, block_sizes
 from juncnet.radon_operator import Correction, Matrix, Reconstruction
 
 
@@ -61,40 +61,47 @@ def _read(path: Path, geometry: Geometry) -> Matrix | None:
 
 
 def _fits(matrix: Matrix, geometry: Geometry) -> bool:
-    pixels = geometry.size**2
-    sizes = {name: block.shape for name, block in matrix.blocks.items()}
+    rows = block_rows(geometry)
+    shapes = {name: block.shape for name, block in matrix.blocks.items()}
     return (
-        sizes == {name: (n, n) for name, n in block_sizes(geometry).items()}
+        shapes == {name: (len(rows[name]), n) for name, n in block_sizes(geometry).items()}
         and all(block.dtype == np.float32 for block in matrix.blocks.values())
-        and all(
-            c.matrix.dtype == np.float32
-            and c.matrix.shape == (len(c.targets), len(c.sources))
-            and max(c.targets.max(), c.sources.max()) < pixels
-            for c in matrix.corrections
-        )
+        and all(_correct(c, geometry.domain**2) for c in matrix.rim)
+        and all(_correct(c, geometry.size**2) for c in matrix.cut)
+    )
+
+
+def _correct(correction: Correction, elements: int) -> bool:
+    targets, sources, matrix = correction.targets, correction.sources, correction.matrix
+    return (
+        matrix.dtype == np.float32
+        and matrix.shape == (len(targets), len(sources))
+        and max(targets.max(initial=0), sources.max(initial=0)) < elements
     )
 
 
 def _matrix(arrays: dict[str, NDArray[Any]]) -> Matrix:
     """Return the matrix that `_arrays` wrote. KeyError: something is missing."""
     blocks = {n.removeprefix("block."): a for n, a in arrays.items() if n.startswith("block.")}
-    count = sum(name.startswith("targets.") for name in arrays)
-    return Matrix(
-        blocks,
-        tuple(
-            Correction(arrays[f"targets.{i}"], arrays[f"sources.{i}"], arrays[f"matrix.{i}"])
-            for i in range(count)
-        ),
-    )
+
+    def corrections(kind: str) -> tuple[Correction, ...]:
+        count = sum(name.startswith(f"{kind}.targets.") for name in arrays)
+        fields = ("targets", "sources", "matrix")
+        return tuple(
+            Correction(*(arrays[f"{kind}.{field}.{i}"] for field in fields)) for i in range(count)
+        )
+
+    return Matrix(blocks, corrections("rim"), corrections("cut"))
 
 
 def _arrays(matrix: Matrix) -> dict[str, NDArray[Any]]:
     """Return all arrays of a matrix by the names that they have in the file."""
     arrays: dict[str, NDArray[Any]] = {f"block.{n}": a for n, a in matrix.blocks.items()}
-    for i, correction in enumerate(matrix.corrections):
-        arrays[f"targets.{i}"] = correction.targets
-        arrays[f"sources.{i}"] = correction.sources
-        arrays[f"matrix.{i}"] = correction.matrix
+    for kind, corrections in (("rim", matrix.rim), ("cut", matrix.cut)):
+        for i, correction in enumerate(corrections):
+            arrays[f"{kind}.targets.{i}"] = correction.targets
+            arrays[f"{kind}.sources.{i}"] = correction.sources
+            arrays[f"{kind}.matrix.{i}"] = correction.matrix
     return arrays
 
 

@@ -8,9 +8,11 @@ the matrix then falls into blocks: of 561, 528, 528 and 496 rows, and one of 105
 together 7.5 times smaller and 5 times less to multiply, without any approximation. A picture of
 even side is first given the row and the column of zeros that it lacks opposite to its first ones.
 
-Where the number of offsets is even, the first one has no opposite. The blocks then are those of the
-lattice with the opposite added, and corrections take back what that adds: it concerns only what
-lies at the rim: with `circle` pixels outside the inscribed circle, else a few at the corners.
+Where the number of offsets is even, the first one has no opposite. The lattice is then the sum of a
+symmetric one, with opposites added and the edges counted half (the trapezoidal rule), and of what
+is odd under one of the mirrors or both: the halves of its edges, which only pixels at the rim
+touch. The blocks are those of the symmetric lattice; corrections lead from rim pixels of one parity
+to the pixels of another. With `circle` nothing is computed for pixels outside the inscribed circle.
 """
 
 from dataclasses import dataclass
@@ -18,11 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from juncnet.radon_geometry import Geometry, Symmetry
+from juncnet.radon_geometry import Geometry, Indices, Symmetry, block_rows
 
 F32 = NDArray[np.float32]
 Blocks = dict[str, F32]
-Indices = NDArray[np.intp]
 Parts = tuple[F32, F32, F32, F32]
 FEW_ROWS = 3
 """So many matrix-vector products are faster than one matrix product: it packs the matrix first."""
@@ -30,8 +31,8 @@ FEW_ROWS = 3
 
 @dataclass(frozen=True)
 class Correction:
-    """What is added to the blocks' result: `matrix` (T, P) times the pixels `sources` (P), to the
-    pixels `targets` (T); both are indices into the flattened picture."""
+    """What is added to the blocks' result: `matrix` (T, P) times the elements `sources` (P), to the
+    elements `targets` (T)."""
 
     targets: Indices
     sources: Indices
@@ -40,16 +41,21 @@ class Correction:
 
 @dataclass(frozen=True)
 class Matrix:
-    """The map's matrix: blocks in coordinates of the symmetry, corrections in pixels."""
+    """The map's matrix: blocks in coordinates of the symmetry, and what they leave out.
+
+    `rim` has indices into the parts of a picture in turn (`_fold`), each flattened; `cut` into the
+    flattened picture.
+    """
 
     blocks: Blocks
-    corrections: tuple[Correction, ...] = ()
+    rim: tuple[Correction, ...] = ()
+    cut: tuple[Correction, ...] = ()
 
     @property
     def nbytes(self) -> int:
         """Memory in bytes."""
         blocks = sum(block.nbytes for block in self.blocks.values())
-        return blocks + sum(correction.matrix.nbytes for correction in self.corrections)
+        return blocks + sum(c.matrix.nbytes for c in (*self.rim, *self.cut))
 
 
 class Reconstruction:
@@ -64,6 +70,7 @@ class Reconstruction:
         self.geometry = geometry
         self.matrix = matrix
         self._symmetry = geometry.symmetry
+        self._rows = block_rows(geometry)
         half = geometry.size // 2
         self._triangles = {"ee": _Triangles(half + 1), "oo": _Triangles(half)}
 
@@ -92,20 +99,25 @@ class Reconstruction:
             extended[:, :size, :size] = pictures
         square = self._symmetry is Symmetry.SQUARE
         apply = self._square_parts if square else self._mirror_parts
-        result = np.ascontiguousarray(_unfold(apply(*_fold(extended)))[:, :size, :size])
-        for correction in self.matrix.corrections:
-            self._correct(pictures, result, correction)
+        folded = _fold(extended)
+        parts = apply(*folded)
+        if self.matrix.rim:
+            parts = _split(_corrected(_joined(folded), _joined(parts), self.matrix.rim), parts)
+        result = np.ascontiguousarray(_unfold(parts)[:, :size, :size])
+        if self.matrix.cut:
+            flat = result.reshape(len(result), -1)
+            _corrected(pictures.reshape(flat.shape), flat, self.matrix.cut)
         return result
-
-    def _correct(self, pictures: F32, result: F32, correction: Correction) -> None:
-        rim = pictures.reshape(len(pictures), -1).take(correction.sources, axis=1)
-        flat = result.reshape(len(result), -1)
-        flat[:, correction.targets] += _product(correction.matrix, rim)
 
     def _multiply(self, name: str, part: F32) -> F32:
         """Return the block's product with each row of `part` (N, ...), in the same shape."""
-        block = self.matrix.blocks[name]
-        return _product(block, part.reshape(len(part), block.shape[1])).reshape(part.shape)
+        block, rows = self.matrix.blocks[name], self._rows[name]
+        product = _product(block, part.reshape(len(part), block.shape[1]))
+        if len(rows) == block.shape[1]:
+            return product.reshape(part.shape)
+        whole = np.zeros((len(part), block.shape[1]), np.float32)
+        whole[:, rows] = product
+        return whole.reshape(part.shape)
 
     def _mirror_parts(self, ee: F32, eo: F32, oe: F32, oo: F32) -> Parts:
         multiply = self._multiply
@@ -132,6 +144,27 @@ def _product(matrix: F32, rows: F32) -> F32:
     if len(rows) <= FEW_ROWS:
         return np.stack([matrix @ row for row in rows])
     return rows @ matrix.T
+
+
+def _corrected(sources: F32, result: F32, corrections: tuple[Correction, ...]) -> F32:
+    """Add to `result` (N, M) what the corrections make of `sources` (N, M), and return it."""
+    for correction in corrections:
+        rim = sources.take(correction.sources, axis=1)
+        result[:, correction.targets] += _product(correction.matrix, rim)
+    return result
+
+
+def _joined(parts: Parts) -> F32:
+    """Return the parts of N pictures side by side, (N, D * D)."""
+    return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+
+
+def _split(joined: F32, like: Parts) -> Parts:
+    """Return the parts that `_joined` put side by side; their shapes are those of `like`."""
+    ends = np.cumsum([part[0].size for part in like])[:-1]
+    ee, eo, oe, oo = np.split(joined, ends, axis=1)
+    first, second, third, fourth = (part.shape for part in like)
+    return ee.reshape(first), eo.reshape(second), oe.reshape(third), oo.reshape(fourth)
 
 
 class _Triangles:
