@@ -3,6 +3,7 @@
 # Torch leaves these of its own members without types.
 # pyright: reportUnknownMemberType=false
 
+import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -219,6 +220,27 @@ def test_fine_tuning_starts_from_the_model(tmp_path: Path) -> None:
         recipe_from(PRESETS["tuned"], first.out)
 
 
+def test_a_start_that_is_wrong_makes_more_pictures(tmp_path: Path) -> None:
+    data = [open_dataset(write(tmp_path / "d"))]
+    ignorant = Order(QUICK.model_copy(update={"epochs": 0.1}), 0, "none", tmp_path / "none.onnx")
+    plain = train(data, ignorant).pictures
+    recipe = QUICK.model_copy(update={"epochs": 0.1, "repeat_wrong": 3})
+    after = Order(recipe, 0, "after", tmp_path / "after.onnx", start=ignorant.out)
+    assert train(data, after).pictures > plain
+    assert "what the start got wrong 3 times" in recipe.describe()
+
+
+def test_what_the_start_gets_wrong_is_repeated() -> None:
+    given = pictures(4, 0)
+    unsure = np.array([[0.7, 0.3], [0.5, 0.5], [0.3, 0.7], [0.1, 0.9]])
+    more = given.with_wrong_repeated(unsure, 3)
+    # Labels are none, junction, none, junction: the second and the third are wrong or unsure.
+    np.testing.assert_array_equal(more.gray, given.gray[[0, 1, 1, 1, 2, 2, 2, 3]])
+    np.testing.assert_array_equal(more.label, [0, 1, 1, 1, 0, 0, 0, 1])
+    ramp = dataclasses.replace(given, target=np.full((4, 2), 0.5, np.float32))
+    assert len(ramp.with_wrong_repeated(unsure, 3)) == 4
+
+
 def test_a_dataset_without_plain_road_is_refused(tmp_path: Path) -> None:
     data = [open_dataset(write(tmp_path / "d", classes=("one", "two")))]
     with pytest.raises(DatasetError, match="the first class must be none"):
@@ -275,6 +297,8 @@ def test_a_curve_of_nothing_watched_is_refused(
         (["nowhere"], "no such folder"),
         (["d", "--epochs", "-1"], "epochs"),
         (["d", "--from", "gone.onnx"], "gone.onnx"),
+        (["d", "--repeat-wrong", "3"], "--from MODEL"),
+        (["d", "--augmentation", "3"], "augmentation"),
     ],
 )
 def test_bad_arguments_end_with_2(

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from juncnet.learning.train import Order
 
 FINE_TUNING_EPOCHS = 12.0
+CHANGEABLE = ("epochs", "rate", "augmentation", "repeat_wrong")
+"""Options that stand for the recipe's fields of the same names."""
 
 
 def arguments(argv: list[str]) -> argparse.Namespace:
@@ -42,6 +44,15 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--epochs", type=float, help="instead of the preset's")
     parser.add_argument("--rate", type=float, help="learning rate, instead of the preset's")
+    parser.add_argument(
+        "--augmentation", type=float, metavar="X", help="0 to 2, instead of the preset's"
+    )
+    parser.add_argument(
+        "--repeat-wrong",
+        type=int,
+        metavar="TIMES",
+        help="with --from: how often an epoch sees the pictures that MODEL is wrong about",
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--resume", action="store_true", help="go on where it was interrupted")
@@ -94,10 +105,11 @@ def _recipe(options: argparse.Namespace) -> "Recipe":
     if options.start is not None:
         recipe = recipe_from(recipe, options.start)
         recipe = recipe.model_copy(update={"epochs": min(recipe.epochs, FINE_TUNING_EPOCHS)})
-    fields = recipe.model_dump()
-    fields["epochs"] = recipe.epochs if options.epochs is None else options.epochs
-    fields["rate"] = recipe.rate if options.rate is None else options.rate
-    return Recipe.model_validate(fields)
+    elif options.repeat_wrong is not None:
+        raise ValueError("--repeat-wrong needs --from MODEL: what is wrong is its answers")
+    given = {name: getattr(options, name) for name in CHANGEABLE}
+    changed = {name: value for name, value in given.items() if value is not None}
+    return Recipe.model_validate({**recipe.model_dump(), **changed})
 
 
 def _report(order: "Order", outcome: object, command: str) -> None:

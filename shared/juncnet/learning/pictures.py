@@ -1,7 +1,7 @@
 """The pictures of datasets at a network's size, ready to be drawn from at random."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,8 @@ from juncnet.learning.datasets import Dataset, DatasetError
 from juncnet.shrink import shrink
 
 Bytes = NDArray[np.uint8]
+UNSURE = 0.6
+"""A picture whose class is given a lower probability is worth seeing more often."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,19 @@ class Pictures:
 
     def __len__(self) -> int:
         return len(self.label)
+
+    def take(self, indices: NDArray[np.integer]) -> "Pictures":
+        """Return the pictures at these indices, in their order."""
+        return Pictures(*(getattr(self, field.name)[indices] for field in fields(self)))
+
+    def with_wrong_repeated(self, probability: NDArray[np.floating], times: int) -> "Pictures":
+        """Return all pictures, those `times` whose sure class has a probability below `UNSURE`.
+
+        `probability` (N, classes) is what a network answers to them.
+        """
+        sure = self.target.max(axis=1) == 1
+        wrong = sure & ((probability * self.target).sum(axis=1) < UNSURE)
+        return self.take(np.repeat(np.arange(len(self)), np.where(wrong, times, 1)))
 
     @property
     def class_weights(self) -> NDArray[np.float32]:

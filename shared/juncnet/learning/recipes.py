@@ -35,6 +35,9 @@ class Recipe(BaseModel):
     keep_best: bool = False
     """Whether the weights that did best on the validation part are exported, those at the start
     included, instead of the last ones. For fine-tuning: few pictures are soon learnt by heart."""
+    repeat_wrong: int = Field(default=1, ge=1, le=20)
+    """How often an epoch sees the pictures that the network at its start is wrong or unsure about:
+    gives their class less than `juncnet.learning.pictures.UNSURE`."""
     mask_weight: float = Field(default=0.5, ge=0)
     """Of the second output, where road and junction lie, on pictures that come with masks."""
     bfloat16: bool = True
@@ -47,6 +50,7 @@ class Recipe(BaseModel):
             "classes balanced" if self.balanced else "",
             f"augmentation {self.augmentation:g}" if self.augmentation else "no augmentation",
             "the best on the validation part kept" if self.keep_best else "",
+            f"what the start got wrong {self.repeat_wrong} times" if self.repeat_wrong > 1 else "",
             f"mask loss {self.mask_weight:g}" if self.mask_weight else "",
             "bfloat16" if self.bfloat16 else "",
         ]

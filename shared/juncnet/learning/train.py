@@ -16,7 +16,7 @@ from juncnet.features import Extractor
 from juncnet.inference import Network
 from juncnet.learning.datasets import Dataset, DatasetError
 from juncnet.learning.export import Exported, export
-from juncnet.learning.fit import Point, Trainer
+from juncnet.learning.fit import Point, Trainer, predict
 from juncnet.learning.footage.intervals import FootageError
 from juncnet.learning.footage.splits import deal_groups
 from juncnet.learning.pictures import prepared
@@ -136,6 +136,9 @@ def train(
     network = build(recipe.architecture, channels, len(classes), recipe.dropout)
     if order.start is not None:
         start_from(network, order.start, _metadata_of(order.start).classes == classes)
+    if recipe.repeat_wrong > 1:
+        given = predict(network, training.gray, extractor)
+        training = training.with_wrong_repeated(given, recipe.repeat_wrong)
     seen = None if watched is None else prepared([watched], recipe.preprocessing, classes)
     trainer = Trainer(network, training, validation, recipe, order.seed, extractor, seen)
     if resume and order.checkpoint.exists():
