@@ -53,6 +53,7 @@ def test_a_right_flight_is_flown_right() -> None:
     assert summary.turns_taken == summary.turns_planned == 2
     assert summary.fps == pytest.approx(1.0)
     assert summary.time_s == pytest.approx(49.0)
+    assert summary.course == ()
 
 
 @pytest.mark.parametrize(
@@ -71,6 +72,14 @@ def test_one_fault_fails_it_and_is_named(changes: dict[str, Any], reason: str) -
     summary = fly(**changes)
     assert summary.verdict == "failed"
     assert any(reason in text for text in summary.reasons), summary.reasons
+
+
+def test_of_a_failed_flight_is_told_what_happened_where() -> None:
+    summary = fly(path=(1, 2, 4), pose=Pose(x_m=7, y_m=8))
+    assert (summary.roads_planned, summary.roads_driven) == ((1, 2, 3), (1, 2, 4))
+    (finish,) = summary.course
+    assert (finish.time_s, finish.kind, finish.count) == (49.0, EventKind.MISSION_FINISHED, 2)
+    assert (finish.x_m, finish.y_m) == (0.0, 0.0)
 
 
 def test_a_slow_flight_fails() -> None:

@@ -1,6 +1,6 @@
 """Was a simulated flight flown right? Pure: what was seen is held against the truth."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -87,6 +87,24 @@ class Figures(BaseModel):
         return tuple(text for failed, text in checks if failed)
 
 
+class Happening(BaseModel):
+    """A junction event, and where the robot truly was."""
+
+    model_config = ConfigDict(frozen=True)
+
+    time_s: float
+    """Since the first motion."""
+    kind: EventKind
+    count: int
+    probability: float
+    x_m: float
+    y_m: float
+    junction_id: int | None
+    """The junction whose surface the robot was on."""
+    mouth_m: float | None
+    """Distance to the next junction's mouth; None: none ahead."""
+
+
 class Summary(Figures):
     """The figures and what they amount to."""
 
@@ -95,6 +113,10 @@ class Summary(Figures):
     flown_right: bool
     reasons: tuple[str, ...]
     """Why not."""
+    roads_planned: tuple[int, ...] = ()
+    """Ids of the directed roads; like the next two told only of a flight not flown right."""
+    roads_driven: tuple[int, ...] = ()
+    course: tuple[Happening, ...] = ()
 
 
 @dataclass
@@ -106,6 +128,7 @@ class Judge:
     vehicle: str
     _truths: list[SimulatorTruth] = field(default_factory=list[SimulatorTruth])
     _latencies_ms: list[float] = field(default_factory=list[float])
+    _events: list[JunctionEvent] = field(default_factory=list[JunctionEvent])
     _scores: int = 0
     _first_score_ns: int | None = None
     _last_score_ns: int = 0
@@ -123,6 +146,7 @@ class Judge:
 
     def event(self, event: JunctionEvent) -> None:
         """Take a junction event."""
+        self._events.append(event)
         self._counted = max(self._counted, event.count)
         if event.kind is EventKind.MISSION_FINISHED and self._finished_ns is None:
             self._finished_ns = event.header.time_ns
@@ -189,12 +213,35 @@ class Judge:
         if figures.real_time_factor < MIN_REAL_TIME_FACTOR:
             verdict = "void"
             reasons = (f"real-time factor {figures.real_time_factor:.2f}", *reasons)
-        return Summary(
+        summary = Summary(
             **figures.model_dump(),
             verdict=verdict,
             flown_right=verdict == "flown_right",
             reasons=reasons,
         )
+        if summary.flown_right or not truths:
+            return summary
+        course = {
+            "roads_planned": self.plan.path,
+            "roads_driven": truths[-1].path,
+            "course": tuple(self._course()),
+        }
+        return summary.model_copy(update=course)
+
+    def _course(self) -> Iterator[Happening]:
+        times = np.array([truth.at.time_ns for truth in self._truths])
+        for event in self._events:
+            truth = self._truths[int(np.abs(times - event.header.time_ns).argmin())]
+            yield Happening(
+                time_s=(event.header.time_ns - int(times[0])) / NS_PER_S,
+                kind=event.kind,
+                count=event.count,
+                probability=event.probability,
+                x_m=truth.pose.x_m,
+                y_m=truth.pose.y_m,
+                junction_id=truth.junction_id,
+                mouth_m=truth.mouth_m,
+            )
 
 
 def ways_right(planned: Sequence[int], driven: Sequence[int]) -> int:
