@@ -111,6 +111,25 @@ def plan(state: Progress) -> JunctionPlan:
     return made
 
 
+@pytest.mark.parametrize(("opening_m", "kept"), [(13.0, True), (8.5, False)])
+def test_rise_and_opening_outvote_a_late_fall_but_no_opening_alone(
+    opening_m: float, kept: bool
+) -> None:
+    mouth = 11.0
+    junction = Junction(rise_m=mouth - BAND.d_far_m, rise_seen=True, probability=1.0)
+    late = 4.6 if kept else 0.0
+    junction.fall_m = mouth - BAND.d_near_m + late
+    seen = Sighting(
+        side="right", near_m=opening_m, far_m=None, weight=40.0, first_m=0.0, last_m=9.0, frames=90
+    )
+    state = progress()
+    state.junction, state.odometer_m, junction.sightings = junction, mouth, [seen]
+    Sightings(CAMERA, state).see(road(), mouth)
+    assert junction.sightings == ([seen] if kept else [])
+    # Kept: where both say, the fall being out. Dropped: where the score rose and fell.
+    assert mouth_m(junction, BAND, mouth) == pytest.approx(mouth, abs=0.1)
+
+
 def test_a_turn_is_made_in_the_middle_of_its_opening() -> None:
     state = progress(Turn(at=1, turn="left"))
     state.count = 1

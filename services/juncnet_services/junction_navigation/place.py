@@ -41,8 +41,7 @@ def mouth_m(junction: Junction, band: JunctionBand, odometer_m: float) -> float:
     scored_m = scored_mouth_m(junction, band, odometer_m)
     if not junction.sightings:
         return scored_m
-    mouths = [sighted_mouth_m(sighting) for sighting in junction.sightings]
-    sighted_m = sum(mouths) / len(mouths)
+    sighted_m = _mean_sighted_m(junction)
     if not junction.rise_seen:
         return _outlasted_m(junction, sighted_m, band, odometer_m)
     scored_variance = _scored_sigma_m(junction, band) ** 2
@@ -51,6 +50,11 @@ def mouth_m(junction: Junction, band: JunctionBand, odometer_m: float) -> float:
     if junction.fall_m is None:
         return max(mouth, min(scored_m, odometer_m + band.d_near_m))
     return mouth
+
+
+def _mean_sighted_m(junction: Junction) -> float:
+    mouths = [sighted_mouth_m(sighting) for sighting in junction.sightings]
+    return sum(mouths) / len(mouths)
 
 
 def _outlasted_m(
@@ -107,7 +111,11 @@ def _scored_sigma_m(junction: Junction, band: JunctionBand) -> float:
     rise_m = SPREAD * band.d_far_m
     if junction.fall_m is None or not _plausible_fall(junction, band):
         return rise_m
-    return min(rise_m, math.hypot(SPREAD * band.d_near_m, FALLEN_SIGMA_M))
+    return min(rise_m, _fallen_sigma_m(band))
+
+
+def _fallen_sigma_m(band: JunctionBand) -> float:
+    return math.hypot(SPREAD * band.d_near_m, FALLEN_SIGMA_M)
 
 
 def odometer_scale(junction: Junction, band: JunctionBand) -> float:
@@ -123,10 +131,25 @@ def odometer_scale(junction: Junction, band: JunctionBand) -> float:
 
 
 def _plausible_fall(junction: Junction, band: JunctionBand) -> bool:
-    """Return whether the score stayed high for a distance that fits the camera."""
+    """Return whether the score stayed high for a distance that fits the camera, and an opening."""
     if junction.fall_m is None:
         return False
     if not junction.rise_seen:
         return True
     span_m = band.d_far_m - band.d_near_m
-    return junction.fall_m - junction.rise_m >= SHORTEST_SPAN * span_m
+    travelled_m = junction.fall_m - junction.rise_m
+    return travelled_m >= SHORTEST_SPAN * span_m and not _denied(junction, junction.fall_m, band)
+
+
+def _denied(junction: Junction, fall_m: float, band: JunctionBand) -> bool:
+    """Return whether the score fell elsewhere than the junction's openings say that its mouth is.
+
+    Of both the rise, which was seen from farther away, is nearer to the openings then.
+    """
+    if not junction.sightings:
+        return False
+    sighted_m = _mean_sighted_m(junction)
+    risen_m, fallen_m = junction.rise_m + band.d_far_m, fall_m + band.d_near_m
+    gate_m = GATE * math.hypot(_fallen_sigma_m(band), SIGHTED_SIGMA_M)
+    apart = abs(fallen_m - sighted_m) > gate_m
+    return apart and abs(sighted_m - risen_m) < abs(fallen_m - risen_m)
