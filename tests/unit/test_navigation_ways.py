@@ -190,6 +190,23 @@ def test_a_robot_drawn_to_another_road_behind_its_turn_searches_its_own() -> Non
     assert flown.progress.phase is Phase.ALIGNING
 
 
+@pytest.mark.parametrize(("offset_m", "learned"), [(1.0, True), (4.0, False)])
+def test_a_road_that_the_robot_is_not_on_is_not_its_axis(offset_m: float, learned: bool) -> None:
+    state = Progress(flight="f", configured=LEFT, mission=LEFT)
+    state.phase, state.count, state.axis_rad = Phase.APPROACHING, 1, 0.0
+    state.junction = Junction(rise_m=0.0)
+    flown = navigator(state)
+    seen = road(1, 0.6, confidence=1.0)
+    assert seen.road is not None
+    beside = seen.road.model_copy(update={"offset_m": offset_m})
+    for number in range(1, 20):
+        step(
+            flown, number, road(number, 0.6).model_copy(update={"road": beside, "confidence": 1.0})
+        )
+    assert flown.progress.axis_rad is not None
+    assert (flown.progress.axis_rad > 0.05) is learned
+
+
 def test_a_long_search_ends_with_every_road_near_the_angle() -> None:
     config, turn = TurnConfig(), Turn(at=1, angle_deg=45.0)
     assert turning.search_arc(turn, 0.0, config) == (0.0, math.radians(22.5))

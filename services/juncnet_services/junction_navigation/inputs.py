@@ -128,6 +128,12 @@ class Inputs:
         return None if self.road is None else self.road.road
 
     @property
+    def road_aside(self) -> bool:
+        """Whether the robot is not on the road that the follower sees: a side arm, say."""
+        seen = self._seen
+        return seen is not None and abs(seen.offset_m) > seen.width_m / 2
+
+    @property
     def road_ends_m(self) -> float | None:
         """Where the road's surface ends straight ahead; None: not in sight, or nobody tells."""
         return None if self._seen is None else self._seen.ends_m

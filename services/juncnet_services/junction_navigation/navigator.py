@@ -152,7 +152,7 @@ class Navigator:
         if self.progress.phase is Phase.APPROACHING:
             config = self.config
             least_m = config.axis_before_m if self._plan.straight else config.hold_before_m
-            return self._plan.mouth_ahead_m > least_m
+            return self._plan.mouth_ahead_m > least_m and not self._inputs.road_aside
         return self.progress.phase is Phase.FOLLOWING
 
     def _learn_axis(self, road: RoadCommand, yaw: float, elapsed_s: float) -> None:
