@@ -42,11 +42,6 @@ WRONG_M, WRONG_SHARE = 1.0, 0.6
 """Where most of the nearest edges lie this far outside, the line is not the road's."""
 
 
-WIDER_SHARE, WIDER_ONLY, WIDER_SPREAD_M = 0.3, 0.9, 0.5
-"""Where an edge lies so far outside over this part of the view, and over this part of where it is
-seen, parallel to the line to this standard deviation, the road has become wider."""
-
-
 class VisionOptions(BaseModel):
     """Options of the built-in follower."""
 
@@ -105,8 +100,7 @@ class VisionFollower:
         self._predict(frame.header, state)
         line, edges = self._fitted(view, above)
         confidence = self._confidence(line, edges)
-        another = _elsewhere(line, edges) or _wider(line, edges)
-        poor = line.support < LOST_SUPPORT or another
+        poor = line.support < LOST_SUPPORT or _elsewhere(line, edges)
         self._poor_frames = self._poor_frames + 1 if poor else 0
         self._line = line if self._poor_frames < LOST_FRAMES else None
         self._frames = self._frames + 1 if self._line is not None else 0
@@ -209,22 +203,3 @@ def _elsewhere(line: CentreLine, edges: RoadEdges) -> bool:
     wrong_left = ((left > WRONG_M) | (left < -INWARD_M)) & ~edges.left_open[near]
     wrong_right = ((right > WRONG_M) | (right < -INWARD_M)) & ~edges.right_open[near]
     return bool(wrong_left.mean() > WRONG_SHARE or wrong_right.mean() > WRONG_SHARE)
-
-
-def _wider(line: CentreLine, edges: RoadEdges) -> bool:
-    """Return whether the line keeps to one edge of a road that is wider than it takes it for.
-
-    Near the robot the other edge is out of the picture; where it is in, it runs beside the line.
-    """
-    middle = line.y(edges.x_m)
-    half = line.half_width_m * np.hypot(1.0, line.slope(edges.x_m))
-    for beyond_m, opened in (
-        (edges.left_m - middle - half, edges.left_open),
-        (middle - half - edges.right_m, edges.right_open),
-    ):
-        seen = np.isfinite(beyond_m) & ~opened
-        outside = beyond_m[seen & (beyond_m > WRONG_M)]
-        many = outside.size >= max(WIDER_SHARE * edges.x_m.size, WIDER_ONLY * seen.sum())
-        if many and outside.std() < WIDER_SPREAD_M:
-            return True
-    return False
