@@ -116,7 +116,7 @@ def _rim_corrections(geometry: Geometry) -> tuple[Correction, ...]:
             others = np.hstack([into[other][:, rim[other]] for other in PARTS if other != part])
             added = out[part][:, rows[part]].T @ others
             total[part] = total[part] + added if part in total else added
-    sizes = [len(indices) for indices in part_indices(distance >= 0.0).values()]
+    sizes = [len(indices) for indices in part_indices(np.ones_like(distance, bool)).values()]
     start: dict[str, int] = dict(zip(PARTS, accumulate(sizes, initial=0), strict=False))
     corrections: list[Correction] = []
     for part, matrix in total.items():

@@ -19,6 +19,7 @@ GEOMETRIES = [
     Geometry(24, evenly_spaced_angles(9), "cosine"),
     Geometry(17, evenly_spaced_angles(9), None, circle=True),
     Geometry(20, (3.0, 50.0, 77.5), "shepp-logan"),
+    Geometry(20, (3.0, 50.0, 77.5), circle=True),
     Geometry(21, (0.0, 45.0, 90.0, 135.0, 180.0), "ramp"),
 ]
 

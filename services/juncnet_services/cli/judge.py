@@ -132,7 +132,6 @@ class Judge:
     _scores: int = 0
     _first_score_ns: int | None = None
     _last_score_ns: int = 0
-    _counted: int = 0
     _finished_ns: int | None = None
     _moved_ns: int | None = None
 
@@ -147,7 +146,6 @@ class Judge:
     def event(self, event: JunctionEvent) -> None:
         """Take a junction event."""
         self._events.append(event)
-        self._counted = max(self._counted, event.count)
         if event.kind is EventKind.MISSION_FINISHED and self._finished_ns is None:
             self._finished_ns = event.header.time_ns
 
@@ -194,7 +192,7 @@ class Judge:
             vehicle=self.vehicle,
             mission_finished=self.finished,
             junctions_true=truths[-1].junctions_passed if truths else 0,
-            junctions_counted=self._counted,
+            junctions_counted=max((event.count for event in self._events), default=0),
             turns_planned=self.plan.turns,
             turns_taken=ways_right(self.plan.path, truths[-1].path if truths else ()),
             on_road=float((off <= 0).mean()),
@@ -213,20 +211,16 @@ class Judge:
         if figures.real_time_factor < MIN_REAL_TIME_FACTOR:
             verdict = "void"
             reasons = (f"real-time factor {figures.real_time_factor:.2f}", *reasons)
-        summary = Summary(
+        told = bool(reasons and truths)
+        return Summary(
             **figures.model_dump(),
             verdict=verdict,
             flown_right=verdict == "flown_right",
             reasons=reasons,
+            roads_planned=self.plan.path if told else (),
+            roads_driven=truths[-1].path if told else (),
+            course=tuple(self._course()) if told else (),
         )
-        if summary.flown_right or not truths:
-            return summary
-        course = {
-            "roads_planned": self.plan.path,
-            "roads_driven": truths[-1].path,
-            "course": tuple(self._course()),
-        }
-        return summary.model_copy(update=course)
 
     def _course(self) -> Iterator[Happening]:
         times = np.array([truth.at.time_ns for truth in self._truths])

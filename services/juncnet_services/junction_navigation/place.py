@@ -109,7 +109,7 @@ def scored_mouth_m(junction: Junction, band: JunctionBand, odometer_m: float) ->
 def _scored_sigma_m(junction: Junction, band: JunctionBand) -> float:
     """Return the standard deviation of where the score says the mouth is: less once it fell."""
     rise_m = SPREAD * band.d_far_m
-    if junction.fall_m is None or not _plausible_fall(junction, band):
+    if not _plausible_fall(junction, band):
         return rise_m
     return min(rise_m, _fallen_sigma_m(band))
 
