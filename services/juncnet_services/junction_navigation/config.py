@@ -69,6 +69,8 @@ class TurnConfig(BaseModel):
     """Radius of an arc, where the vehicle needs one and its own minimum is smaller."""
     speed_mps: float = Field(default=1.5, gt=0)
     """Forward speed on an arc."""
+    half_width_m: float = Field(default=0.4, ge=0, le=5)
+    """Half the width, with a margin, of a vehicle that drives arcs: so much room it keeps."""
     lost_s: float = Field(default=1.0, gt=0)
     """Time without a road in sight, behind a turn, after which it is searched anew."""
     searches: int = Field(default=2, ge=0, le=10)

@@ -4,7 +4,15 @@ import math
 from collections.abc import Mapping
 
 from juncnet.clocks import Instant, Offset, ReplayGate, age_s, is_stale, local_ns
-from juncnet.messages import JunctionScore, Output, RoadCommand, RoadSeen, Stamp, VehicleState
+from juncnet.messages import (
+    JunctionScore,
+    Output,
+    RoadCommand,
+    RoadSeen,
+    RoadSurface,
+    Stamp,
+    VehicleState,
+)
 from juncnet.topics import JUNCTION_SCORE, ROAD_COMMAND
 from juncnet_services.junction_navigation.config import NavigatorConfig
 
@@ -132,6 +140,16 @@ class Inputs:
         """Whether the robot is not on the road that the follower sees: a side arm, say."""
         seen = self._seen
         return seen is not None and abs(seen.offset_m) > seen.width_m / 2
+
+    @property
+    def surface(self) -> RoadSurface | None:
+        """The road's surface around the robot; None: nobody tells."""
+        return None if self.road is None else self.road.surface
+
+    @property
+    def road_heading_rad(self) -> float:
+        """Direction of the seen road against the robot's own; 0 where nobody tells."""
+        return 0.0 if self._seen is None else self._seen.heading_rad
 
     @property
     def road_ends_m(self) -> float | None:

@@ -18,6 +18,7 @@ from juncnet_services.junction_navigation import turning
 from juncnet_services.junction_navigation.config import NavigatorConfig
 from juncnet_services.junction_navigation.decision import Decision
 from juncnet_services.junction_navigation.detector import JunctionDetector
+from juncnet_services.junction_navigation.helm import Helm
 from juncnet_services.junction_navigation.inputs import Inputs
 from juncnet_services.junction_navigation.odometry import Odometry
 from juncnet_services.junction_navigation.plan import JunctionPlan
@@ -35,7 +36,6 @@ from juncnet_services.junction_navigation.way_on import nothing_ahead, sees_way_
 
 STANDING_MPS = 0.35
 AXIS_S, AXIS_STEP_S = 0.4, 0.1
-HOLD_YAW_RADPS = 0.5
 WIDTH_WEIGHT = 0.2
 
 
@@ -64,6 +64,7 @@ class Navigator:
         self._detector = JunctionDetector(config.detector, config.camera.band, self.progress)
         self._sightings = Sightings(config.camera, self.progress)
         self._plan = JunctionPlan(config, self.progress)
+        self._helm = Helm(config, self.progress, self._plan, self._inputs)
         self._sight = turning.RoadSight(config.turn)
         self._elapsed_s = 0.0
         self._astray = False
@@ -212,9 +213,9 @@ class Navigator:
             return self._crossing()
         blind = not self._inputs.road_visible
         if blind and self._plan.mouth_ahead_m <= self.config.blind_before_m:
-            return self._hold_heading(self._plan.speed_limit_mps)
+            return self._helm.hold_heading(self._plan.speed_limit_mps)
         steered = self._follow(self._plan.speed_limit_mps)
-        held = self._hold_heading(steered.forward_mps)
+        held = self._helm.hold_heading(steered.forward_mps)
         if self._reason or self.config.hold_before_m == 0:
             return steered
         near = 1 - self._plan.mouth_ahead_m / self.config.hold_before_m
@@ -226,10 +227,10 @@ class Navigator:
         state = self.progress
         if not self._plan.straight:
             standing = self._plan.radius_m > 0 or abs(state.speed_mps) <= STANDING_MPS
-            if self._plan.start_ahead_m <= 0 and standing:
+            if standing and (self._plan.start_ahead_m <= 0 or self._helm.last_chance):
                 self._begin_turn()
                 return self._turning()
-            return self._hold_heading(self._plan.speed_limit_mps)
+            return self._helm.hold_heading(self._plan.speed_limit_mps)
         past_m = self._plan.past_m
         if past_m >= 0 and self._inputs.road_visible:
             self._leave()
@@ -239,14 +240,14 @@ class Navigator:
         if past_m >= self.config.blind_m or nothing_ahead(state, self._plan, self.config):
             self._begin_turn()
             return self._turning()
-        return self._hold_heading(self.config.cruise_mps)
+        return self._helm.cross(self.config.cruise_mps)
 
     def _take_way_on(self) -> Velocity:
         """Go by the follower's road; where the surface ahead ends, its steering is too gentle."""
         state, speed_mps = self.progress, self.config.approach_mps
         if self._plan.ends_here:
             state.axis_rad = self._inputs.road_towards_rad(state.yaw_rad)
-            return self._hold_heading(speed_mps)
+            return self._helm.hold_heading(speed_mps)
         state.axis_rad = state.yaw_rad
         return self._follow(speed_mps)
 
@@ -364,20 +365,9 @@ class Navigator:
             return self._wait("the follower sees another road than that was turned into")
         return scaled(road.velocity, limit_mps)
 
-    def _hold_heading(self, speed_mps: float) -> Velocity:
-        state = self.progress
-        rate = turning.yaw_rate_radps(state.heading_rad - state.yaw_rad, self.config.turn)
-        rate = min(max(rate, -HOLD_YAW_RADPS), HOLD_YAW_RADPS)
-        return Velocity(forward_mps=speed_mps, yaw_rate_radps=rate)
-
     def _yaw_towards(self, target: float, turn: TurnProgress) -> Velocity:
         turn.elapsed_s += self._elapsed_s
-        rate = turning.yaw_rate_radps(target - self.progress.yaw_rad, self.config.turn)
-        if turn.radius_m == 0:
-            return Velocity(yaw_rate_radps=rate)
-        speed = min(self.config.turn.speed_mps, self.config.cruise_mps)
-        limit = speed / turn.radius_m
-        return Velocity(forward_mps=speed, yaw_rate_radps=min(max(rate, -limit), limit))
+        return self._helm.yaw_towards(target, turn)
 
     def _wait(self, reason: str) -> Velocity:
         self._reason = reason

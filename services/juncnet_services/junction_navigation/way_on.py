@@ -7,8 +7,9 @@ from juncnet_services.junction_navigation.inputs import Inputs
 from juncnet_services.junction_navigation.plan import JunctionPlan
 from juncnet_services.junction_navigation.progress import Progress
 
-AHEAD_RAD = math.radians(35)
-"""How far off its heading a robot that crosses a junction may first see the way on."""
+AHEAD_RAD = math.radians(20)
+"""How far off its heading a robot that crosses a junction may first see the way on, and how far off
+that the way may lead: others than the way on come into sight beside it, bent towards their arms."""
 FARTHEST_RAD = math.radians(35)
 """And how far off the road that it came by, where that road is known to end at the junction."""
 LIKELY = 0.45
@@ -21,7 +22,8 @@ def sees_way_on(
     """Return whether the follower's road is the way on, behind the middle of a junction.
 
     It must have been sure once of a road ahead, or of one anywhere where the surface ahead ends.
-    The way straight on may bend: the heading held from then on, while it is not seen, is the
+    A road that the robot is not on is an arm's as long as the surface goes on ahead: the way on
+    comes into sight later. It may bend: the heading held from then on, while it is not seen, is the
     newest. Where the surface is known to end straight ahead, it surely does, and a likely view of
     it is taken as long as none has been certain.
     """
@@ -37,8 +39,11 @@ def sees_way_on(
     if plan.mouth_ahead_m > -0.5 * plan.reach_m:
         return False
     ends_m = inputs.road_ends_m
-    ahead = abs(towards_rad - state.heading_rad) <= AHEAD_RAD
     only = ends_m is not None and ends_m <= config.crossing_width_m
+    if inputs.road_aside and not only:
+        return False
+    leads_rad = state.yaw_rad + inputs.road_heading_rad
+    ahead = max(abs(rad - state.heading_rad) for rad in (towards_rad, leads_rad)) <= AHEAD_RAD
     junction.way_seen = junction.way_seen or (inputs.road_certain and (ahead or only))
     return junction.way_seen and inputs.road_visible
 

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ValidationError
 
 from juncnet.camera import CameraGeometry
 from juncnet.frames import Frame
-from juncnet.messages import RoadCommand, RoadSeen, VehicleState, Velocity
+from juncnet.messages import RoadCommand, RoadSeen, RoadSurface, VehicleState, Velocity
 
 
 class FollowerError(Exception):
@@ -28,11 +28,15 @@ class FollowerError(Exception):
 
 @dataclass(frozen=True)
 class Proposal:
-    """What a follower proposes: a velocity, how sure it is (0..1), and the road it saw, if told."""
+    """What a follower proposes: a velocity, how sure it is (0..1), and the road it saw, if told.
 
-    velocity: Velocity
+    Without a velocity the robot shall hold. `surface` as in `RoadCommand`.
+    """
+
+    velocity: Velocity | None
     confidence: float = 1.0
     road: RoadSeen | None = None
+    surface: RoadSurface | None = None
 
 
 @runtime_checkable

@@ -133,6 +133,7 @@ class FollowerRunner:
             velocity=answer.velocity,
             confidence=answer.confidence,
             road=answer.road,
+            surface=answer.surface,
         )
 
     def _hold(self, frame: Frame) -> RoadCommand:

@@ -11,7 +11,7 @@ from juncnet.assets import asset_path
 from juncnet.camera import CameraGeometry
 from juncnet.clocks import NS_PER_S
 from juncnet.frames import Frame
-from juncnet.messages import RoadSeen, Stamp, VehicleState
+from juncnet.messages import RoadSeen, RoadSurface, Stamp, VehicleState
 from juncnet.small_picture import shrink
 from juncnet_services.road_following.centre_line import (
     INWARD_M,
@@ -26,6 +26,7 @@ from juncnet_services.road_following.ground_view import GroundView, RoadEdges
 from juncnet_services.road_following.masks import ColourMask, NetworkMask, RoadMask
 from juncnet_services.road_following.openings import openings, road_end_m
 from juncnet_services.road_following.steering import SteeringOptions, steer
+from juncnet_services.road_following.surface import SurfaceMemory
 
 LOST_SUPPORT = 0.12
 """Below this support a picture does not show the road that is followed."""
@@ -81,6 +82,7 @@ class VisionFollower:
         self._poor_frames = self._frames = 0
         self._speed_mps = self._yaw_rate_radps = 0.0
         self._header: Stamp | None = None
+        self._surface: SurfaceMemory | None = None
 
     @property
     def line(self) -> CentreLine | None:
@@ -98,6 +100,7 @@ class VisionFollower:
         view = self._view_of(frame, probability.shape)
         above = view.from_above(probability)
         self._predict(frame.header, state)
+        surface = self._surface_around(probability, state)
         line, edges = self._fitted(view, above)
         confidence = self._confidence(line, edges)
         poor = line.support < LOST_SUPPORT or _elsewhere(line, edges)
@@ -106,7 +109,7 @@ class VisionFollower:
         self._frames = self._frames + 1 if self._line is not None else 0
         if confidence < 0.05 and self._options.unseen == "hold":
             self._speed_mps = self._yaw_rate_radps = 0.0
-            return None
+            return None if surface is None else Proposal(None, 0.0, surface=surface)
         velocity = steer(
             line, confidence, self._speed_mps, self._yaw_rate_radps, self._options.steering
         )
@@ -115,7 +118,7 @@ class VisionFollower:
                 velocity.forward_mps,
                 velocity.yaw_rate_radps,
             )
-        return Proposal(velocity, confidence, self._seen(line, view, above, probability))
+        return Proposal(velocity, confidence, self._seen(line, view, above, probability), surface)
 
     def _view_of(self, frame: Frame, shape: tuple[int, ...]) -> GroundView:
         """Return the ground view for pictures of this shape, kept from picture to picture."""
@@ -135,10 +138,27 @@ class VisionFollower:
             self._speed_mps = state.velocity.forward_mps
             self._yaw_rate_radps = state.velocity.yaw_rate_radps
         last, self._header = self._header, header
-        if self._line is None or last is None or last.epoch != header.epoch:
+        if last is None or last.epoch != header.epoch:
+            self._surface = None
             return
         passed_s = min(max((header.time_ns - last.time_ns) / NS_PER_S, 0.0), 0.5)
-        self._line = self._line.moved(self._speed_mps * passed_s, self._yaw_rate_radps * passed_s)
+        ahead_m, turned_rad = self._speed_mps * passed_s, self._yaw_rate_radps * passed_s
+        if self._line is not None:
+            self._line = self._line.moved(ahead_m, turned_rad)
+        if self._surface is not None:
+            self._surface.move(ahead_m, turned_rad)
+
+    def _surface_around(
+        self, probability: NDArray[np.float32], state: VehicleState | None
+    ) -> RoadSurface | None:
+        """Return the road's surface around a vehicle that needs room to turn."""
+        if state is None or state.capabilities.turns_in_place:
+            return None
+        if self._surface is None:
+            camera = self._options.camera.model_copy(update={"aspect": self._aspect})
+            self._surface = SurfaceMemory(camera)
+        self._surface.see(probability)
+        return self._surface.around()
 
     def _fitted(self, view: GroundView, above: NDArray[np.float32]) -> tuple[CentreLine, RoadEdges]:
         """Return the line in this picture, and the edges beside it."""

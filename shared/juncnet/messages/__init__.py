@@ -30,6 +30,7 @@ from juncnet.messages.motion import (
     RoadCommand,
     RoadOpening,
     RoadSeen,
+    RoadSurface,
     Velocity,
     VelocityCommand,
 )
@@ -81,6 +82,7 @@ __all__ = [
     "RoadCommand",
     "RoadOpening",
     "RoadSeen",
+    "RoadSurface",
     "SetMission",
     "Sha256",
     "SimulatorTruth",

@@ -2,9 +2,12 @@
 
 import json
 from enum import StrEnum
-from typing import Any, Literal, Self
+from functools import cached_property
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from juncnet.messages.base import Message, Metres, Name, Probability, Stamp
 
@@ -49,6 +52,43 @@ class RoadSeen(Message):
     """Straight ahead of the robot, where the road's surface ends; None: no end in sight."""
 
 
+class RoadSurface(Message):
+    """Where the surface of roads is around the robot: a map of square cells in its frame.
+
+    Every row is a text of one character a cell, from left to right: `#` road, `.` not, ` ` not
+    seen. Rows from rear to front.
+    """
+
+    x_m: float = Field(ge=-100, le=100)
+    """Of the middles of the first row's cells, forward."""
+    y_m: float = Field(ge=-100, le=100)
+    """Of the middle of each row's first cell, left positive."""
+    cell_m: float = Field(gt=0.01, le=10)
+    rows: tuple[Annotated[str, StringConstraints(pattern=r"^[#. ]{1,200}$")], ...] = Field(
+        min_length=1, max_length=200
+    )
+
+    @model_validator(mode="after")
+    def _rectangular(self) -> Self:
+        if len({len(row) for row in self.rows}) != 1:
+            raise ValueError("rows are of different lengths")
+        return self
+
+    @cached_property
+    def _off_road(self) -> NDArray[np.bool_]:
+        cells = np.frombuffer("".join(self.rows).encode(), np.uint8)
+        return cells.reshape(len(self.rows), -1) == ord(".")
+
+    def off_road(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which of some points (x forward, y left, metres) are seen to be no road."""
+        rows, columns = self._off_road.shape
+        i = np.rint((x_m - self.x_m) / self.cell_m).astype(np.intp)
+        j = np.rint((self.y_m - y_m) / self.cell_m).astype(np.intp)
+        inside = (i >= 0) & (i < rows) & (j >= 0) & (j < columns)
+        off = self._off_road[np.clip(i, 0, rows - 1), np.clip(j, 0, columns - 1)]
+        return inside & off
+
+
 class RoadCommand(Message):
     """A follower's proposal for the frame of `header`; `velocity` None: it sees no road."""
 
@@ -57,6 +97,8 @@ class RoadCommand(Message):
     velocity: Velocity | None
     confidence: Probability
     road: RoadSeen | None = None
+    surface: RoadSurface | None = None
+    """Of followers that tell it, for vehicles that cannot turn in place."""
 
 
 class LoadFollower(Message):

@@ -1,0 +1,106 @@
+"""Arcs of car-like vehicles over maps of the road's surface drawn by hand."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from juncnet.messages import MessageError, RoadCommand, RoadSurface, Stamp, Velocity
+from juncnet_services.junction_navigation.arcs import Arcs, clear_m
+
+CELL_M, ROOM_M, RADIUS_M = 0.25, 0.4, 3.0
+LEFT_RAD = math.pi / 2
+
+
+def surface(road: Callable[[float, float], bool]) -> RoadSurface:
+    """A map of 12 x 14 m of what `road` says at (x, y)."""
+    rows = tuple(
+        "".join("#" if road(CELL_M * i - 1, 7 - CELL_M * j) else "." for j in range(57))
+        for i in range(49)
+    )
+    return RoadSurface(x_m=-1, y_m=7, cell_m=CELL_M, rows=rows)
+
+
+def arm(ahead_m: float, width_m: float = 5.0, straight_on: bool = True) -> RoadSurface:
+    """A road of 6 m along x with an arm to the left whose middle is `ahead_m` ahead."""
+
+    def road(x: float, y: float) -> bool:
+        on_arm = y > 0 and abs(x - ahead_m) <= width_m / 2
+        return on_arm or (abs(y) <= 3 and (straight_on or x <= ahead_m + width_m / 2))
+
+    return surface(road)
+
+
+def arcs(seen: RoadSurface | None) -> Arcs:
+    return Arcs(seen, ROOM_M, 1 / 2.5)
+
+
+@pytest.mark.parametrize("curvature", [-0.4, -0.2, 0.1, 0.25])
+def test_an_arc_leaves_a_straight_road_where_geometry_says(curvature: float) -> None:
+    straight = surface(lambda x, y: abs(y) <= 3)
+    found = clear_m(straight, np.array([curvature]), np.array([math.copysign(3, curvature)]), 8, 0)
+    expected = math.acos(1 - 3 * abs(curvature)) / abs(curvature)
+    assert found[0] == pytest.approx(min(expected, 8), abs=0.45)
+
+
+def test_a_path_goes_straight_on_behind_its_arc_and_keeps_its_room() -> None:
+    seen = arm(ahead_m=3.0)
+    curvature, turn = np.array([1 / RADIUS_M]), np.array([LEFT_RAD])
+    assert clear_m(seen, curvature, turn, 8, ROOM_M)[0] == 8
+    assert clear_m(seen, curvature, turn, 8, 2.7)[0] < 6
+    too_little = np.array([LEFT_RAD * 0.6])
+    assert clear_m(seen, curvature, too_little, 8, ROOM_M)[0] < 8
+
+
+def test_what_was_not_seen_stops_no_path() -> None:
+    unseen = RoadSurface(x_m=-1, y_m=7, cell_m=CELL_M, rows=(" " * 57,) * 49)
+    assert arcs(unseen).on_road(0.3, LEFT_RAD, 0.2) == pytest.approx(0.3)
+    assert not arcs(unseen).last_chance(LEFT_RAD, 0.2, RADIUS_M)
+
+
+def test_the_wanted_arc_is_driven_where_it_is_on_the_road() -> None:
+    wanted = 1 / RADIUS_M
+    assert arcs(arm(ahead_m=3.0)).on_road(wanted, LEFT_RAD, 0.2) == wanted
+    assert arcs(None).on_road(wanted, LEFT_RAD, 0.2) == wanted
+
+
+def test_a_turn_that_began_too_early_goes_straighter_and_one_too_late_tighter() -> None:
+    wanted = 1 / RADIUS_M
+    early = arcs(arm(ahead_m=6.5)).on_road(wanted, LEFT_RAD, 0.2)
+    late = arcs(arm(ahead_m=0.8, straight_on=False)).on_road(wanted, LEFT_RAD, 0.2)
+    assert 0 <= early <= 0.25 < wanted
+    assert late > wanted
+
+
+def test_where_every_path_leaves_the_road_the_longest_is_driven() -> None:
+    ends = surface(lambda x, y: x <= 2.5 + 0.2 * y)
+    assert arcs(ends).on_road(0.0, 0.0, 0.2) > 0.05
+
+
+def test_the_last_chance_comes_before_the_arm_is_missed_and_not_long_before() -> None:
+    tangent_m = RADIUS_M
+    begins = [m for m in np.arange(8, -1, -0.25) if arcs(arm(m)).last_chance(1.6, 0.1, RADIUS_M)]
+    assert begins, "never"
+    assert tangent_m - 1.5 <= begins[0] <= tangent_m + 0.5
+    mirrored = surface(lambda x, y: abs(y) <= 3 or (y < 0 and abs(x - begins[0]) <= 2.5))
+    assert arcs(mirrored).last_chance(-1.6, 0.1, RADIUS_M)
+    assert not arcs(None).last_chance(1.6, 0.1, RADIUS_M)
+
+
+@pytest.mark.parametrize(
+    ("rows", "field"), [(("##", "#"), "surface"), (("#x",), "surface.rows.0"), ((), "surface.rows")]
+)
+def test_a_malformed_surface_is_refused_by_name(rows: tuple[str, ...], field: str) -> None:
+    good = RoadCommand(
+        header=Stamp(epoch=1, sequence=1, time_ns=1, clock="c"),
+        source="s",
+        velocity=Velocity(),
+        confidence=1.0,
+        surface=RoadSurface(x_m=0, y_m=0, cell_m=0.5, rows=("#. ",)),
+    )
+    assert RoadCommand.decode(good.encode()[0]) == good
+    cells = ",".join(f'"{row}"' for row in rows)
+    bad = good.encode()[0].replace(b'"rows":["#. "]', f'"rows":[{cells}]'.encode())
+    with pytest.raises(MessageError, match=rf"RoadCommand\.{field}"):
+        RoadCommand.decode(bad)
