@@ -33,13 +33,17 @@ def approach(
     smoothed: float,
     every: int = 1,
     from_m: float = 0.0,
+    drift: float = 0.0,
 ) -> Sightings:
-    """Drive towards an opening left at `opening_m` that every `every`-th picture shows."""
+    """Drive towards an opening left at `opening_m` that every `every`-th picture shows.
+
+    `drift`: how much of the way it goes along.
+    """
     sightings = Sightings(CAMERA, state)
     state.smoothed = smoothed
     for step in range(round(travelled_m / STEP_M)):
         state.odometer_m = from_m + step * STEP_M
-        near_m = opening_m - state.odometer_m + 0.2 * math.sin(7.0 * step)
+        near_m = opening_m - (1 - drift) * state.odometer_m + 0.2 * math.sin(7.0 * step)
         shown = (RoadOpening(side="left", near_m=near_m),) if step % every == 0 else ()
         sightings.see(road(*shown), state.odometer_m)
         sightings.weigh()
@@ -74,6 +78,19 @@ def test_a_plain_opening_needs_no_more_than_a_hint_of_a_score() -> None:
     found = approach(progress(), 15.0, 8.0, smoothed=0.2).next_junction(free_m=-math.inf)
     assert found is not None
     assert mouth_m(found, BAND, 8.0) == pytest.approx(15.0 - MOUTH_BEFORE_M, abs=0.15)
+    far = approach(progress(), 18.0, 7.0, smoothed=0.2)
+    assert far.next_junction(free_m=-math.inf) is None, "not as long as it is far off"
+
+
+@pytest.mark.parametrize(("drift", "counted"), [(0.2, True), (0.8, False)])
+def test_what_goes_along_with_the_robot_is_no_opening(drift: float, counted: bool) -> None:
+    """A bend's edge bends away at the same distance ahead, picture after picture."""
+    state = progress()
+    sightings = approach(state, 12.0, 8.0, smoothed=0.6, drift=drift)
+    (seen,) = state.sightings
+    assert seen.frames > 60
+    assert seen.drift == pytest.approx(drift, abs=0.05)
+    assert (sightings.next_junction(free_m=-math.inf) is not None) is counted
 
 
 def test_an_opening_before_another_junction_may_begin_is_none() -> None:

@@ -30,6 +30,25 @@ class Sighting(BaseModel):
     """Scores that came while the score of a junction there should be high."""
     probability: float = Field(default=0.0, ge=0, le=1)
     """Mean smoothed score of those."""
+    robot_m: float = 0.0
+    """Mean of where the robot was in those pictures; `place_m`: of where the edge ended in them."""
+    place_m: float = 0.0
+    scatter_m2: float = Field(default=0.0, ge=0)
+    """Sum of squares of the former around their mean; `joint_m2`: of the products of both."""
+    joint_m2: float = 0.0
+
+    def place(self, at_m: float, near_m: float) -> None:
+        """Take one more picture into the means and sums."""
+        apart_m = at_m - self.robot_m
+        self.robot_m += apart_m / self.frames
+        self.place_m += (near_m - self.place_m) / self.frames
+        self.scatter_m2 += apart_m * (at_m - self.robot_m)
+        self.joint_m2 += apart_m * (near_m - self.place_m)
+
+    @property
+    def drift(self) -> float:
+        """How far the edge's end went along with the robot, per metre: 0 of what stands still."""
+        return self.joint_m2 / self.scatter_m2 if self.scatter_m2 > 0 else 0.0
 
 
 class Junction(BaseModel):

@@ -22,8 +22,11 @@ SURE_PROBABILITY = 0.42
 """and with a mean score that does not deny it."""
 PLAIN_HEIGHTS, PLAIN_FRAMES, PLAIN_MISSED = 2.0, 20, 0.2
 """A plain one was seen over so many heights, in so many pictures, and hardly ever missed:"""
-PLAIN_PROBABILITY = 0.1
-"""it counts with a score that only hints at it."""
+PLAIN_PROBABILITY, PLAIN_BAND, STILL_M = 0.1, 0.55, 0.4
+"""it counts with a score that only hints at it, once it is nearer than this part of d_far and
+still seen, so far ago at most: a bend's edge, or a shadow's, is gone from near by."""
+MOVING = 0.5
+"""What goes along with the robot by more than this part of its way is no opening: a bend's edge."""
 SAME_M = 5.0
 """Openings left and right that are no farther apart are of one junction."""
 SCORED_BAND = 0.8
@@ -38,6 +41,7 @@ class Sightings:
         self._band, self._progress = camera.band, progress
         self._height_m = camera.height_m
         self._sure_m = SURE_HEIGHTS * camera.height_m
+        self._plain_m = PLAIN_BAND * camera.band.d_far_m
 
     def see(self, road: RoadSeen, at_m: float) -> None:
         """Take what a picture from the odometer reading `at_m` shows of other roads."""
@@ -102,6 +106,7 @@ class Sightings:
             and sighting.frames >= max(SURE_FRAMES, sighting.missed)
             and sighting.scored >= SURE_FRAMES
             and sighting.probability >= self._least_probability(sighting)
+            and sighting.drift <= MOVING
         )
 
     def _least_probability(self, sighting: Sighting) -> float:
@@ -110,6 +115,8 @@ class Sightings:
             sighting.last_m - sighting.first_m >= PLAIN_HEIGHTS * self._height_m
             and sighting.frames >= PLAIN_FRAMES
             and sighting.missed <= PLAIN_MISSED * sighting.frames
+            and sighted_mouth_m(sighting) - self._progress.odometer_m <= self._plain_m
+            and self._progress.odometer_m - sighting.last_m <= STILL_M
         )
         return PLAIN_PROBABILITY if plain else SURE_PROBABILITY
 
@@ -138,7 +145,7 @@ class Sightings:
 
 
 def _begun(opening: RoadOpening, near_m: float, at_m: float) -> Sighting:
-    return Sighting(
+    sighting = Sighting(
         side=opening.side,
         near_m=at_m + near_m,
         far_m=None if opening.far_m is None else at_m + opening.far_m,
@@ -146,6 +153,8 @@ def _begun(opening: RoadOpening, near_m: float, at_m: float) -> Sighting:
         first_m=at_m,
         last_m=at_m,
     )
+    sighting.place(at_m, at_m + near_m)
+    return sighting
 
 
 def _sigma_m(ahead_m: float) -> float:
@@ -169,6 +178,7 @@ def _joined(sighting: Sighting, opening: RoadOpening, at_m: float) -> bool:
     sighting.near_m += weight / sighting.weight * difference_m
     sighting.frames += 1
     sighting.last_m = at_m
+    sighting.place(at_m, at_m + opening.near_m)
     if opening.far_m is not None:
         sighting.far_m = at_m + opening.far_m
     return True
