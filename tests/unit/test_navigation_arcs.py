@@ -6,8 +6,22 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from juncnet.messages import MessageError, RoadCommand, RoadSurface, Stamp, Velocity
+from juncnet.messages import (
+    Capabilities,
+    MessageError,
+    Mission,
+    RoadCommand,
+    RoadSurface,
+    Stamp,
+    Turn,
+    Velocity,
+)
 from juncnet_services.junction_navigation.arcs import Arcs, clear_m
+from juncnet_services.junction_navigation.config import NavigatorConfig
+from juncnet_services.junction_navigation.helm import Helm
+from juncnet_services.junction_navigation.inputs import Inputs
+from juncnet_services.junction_navigation.plan import JunctionPlan
+from juncnet_services.junction_navigation.progress import Progress, TurnProgress
 
 CELL_M, ROOM_M, RADIUS_M = 0.25, 0.4, 3.0
 LEFT_RAD = math.pi / 2
@@ -86,6 +100,50 @@ def test_the_last_chance_comes_before_the_arm_is_missed_and_not_long_before() ->
     mirrored = surface(lambda x, y: abs(y) <= 3 or (y < 0 and abs(x - begins[0]) <= 2.5))
     assert arcs(mirrored).last_chance(-1.6, 0.1, RADIUS_M)
     assert not arcs(None).last_chance(1.6, 0.1, RADIUS_M)
+
+
+def helm(seen: RoadSurface, turns_in_place: bool = False) -> tuple[Helm, Progress]:
+    """The helm of a robot on the x axis that is to turn left at the counted junction."""
+    config, mission = NavigatorConfig(), Mission(turns=(Turn(at=1, turn="left"),), finish_after=5)
+    state = Progress(flight="f", configured=mission, mission=mission, count=1, axis_rad=0.0)
+    plan, inputs = JunctionPlan(config, state), Inputs(config)
+    plan.capabilities = Capabilities(
+        turns_in_place=turns_in_place, minimum_radius_m=0.0 if turns_in_place else 2.5
+    )
+    assert inputs.accept_road(
+        RoadCommand(
+            header=Stamp(epoch=1, sequence=1, time_ns=1, clock="c"),
+            source=config.road_source,
+            velocity=None,
+            confidence=0.0,
+            surface=seen,
+        )
+    )
+    return Helm(config, state, plan, inputs), state
+
+
+@pytest.mark.parametrize("turns_in_place", [False, True])
+def test_a_car_is_steered_by_the_surface_and_a_copter_is_not(turns_in_place: bool) -> None:
+    radius_m = 0.0 if turns_in_place else RADIUS_M
+    turn = TurnProgress(turn=Turn(at=1, turn="left"), nominal_rad=LEFT_RAD, radius_m=radius_m)
+    too_early = surface(lambda x, y: abs(y) <= 2 or (y > 0 and abs(x - 8) <= 2.5))
+    rates = [
+        helm(seen, turns_in_place)[0].yaw_towards(LEFT_RAD, turn).yaw_rate_radps
+        for seen in (arm(3.0), too_early)
+    ]
+    assert rates[0] == pytest.approx(1.0 if turns_in_place else 1.5 / RADIUS_M)
+    assert (rates[1] < 0.8 * rates[0]) is not turns_in_place
+    assert helm(arm(2.5), turns_in_place)[0].last_chance is not turns_in_place
+    bent = surface(lambda x, y: abs(y - 0.06 * x * x) <= 1.5)
+    rate = helm(bent, turns_in_place)[0].cross(2.0).yaw_rate_radps
+    assert (rate > 0.05) is not turns_in_place
+
+
+def test_a_robot_off_its_heading_comes_back_to_it() -> None:
+    steered, state = helm(surface(lambda x, y: True))
+    state.yaw_rad = 0.2
+    assert steered.cross(2.0) == steered.hold_heading(2.0)
+    assert steered.hold_heading(2.0).yaw_rate_radps < -0.2
 
 
 @pytest.mark.parametrize(

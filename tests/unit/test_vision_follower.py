@@ -13,6 +13,7 @@ from juncnet.messages import (
     Capabilities,
     Output,
     PixelFormat,
+    RoadSurface,
     Stamp,
     VehicleState,
     Velocity,
@@ -138,6 +139,35 @@ def test_follower_by_colour_sees_the_offset(offset_m: float) -> None:
     near = min(proposal.road.centre, key=lambda point: point[0])
     assert near[1] == pytest.approx(offset_m, abs=0.3)
     assert proposal.confidence > 0.5
+
+
+def test_the_surface_is_told_for_vehicles_that_need_room_and_forgotten_behind_a_gap() -> None:
+    rolling = STANDING.model_copy(
+        update={
+            "capabilities": Capabilities(turns_in_place=False, minimum_radius_m=2.5),
+            "velocity": Velocity(forward_mps=3.0),
+        }
+    )
+    follower = VisionFollower(VisionOptions(mask="colour"))
+
+    def surface_of(frame: Frame, state: VehicleState | None) -> RoadSurface | None:
+        proposal = follower.follow(frame, state)
+        assert proposal is not None
+        return proposal.surface
+
+    assert surface_of(picture(0.0), None) is None
+    assert surface_of(picture(0.0, 1), STANDING) is None
+    seen = None
+    for sequence in range(2, 60):
+        seen = surface_of(picture(0.0, sequence), rolling)
+    assert seen is not None
+    middle = len(seen.rows[0]) // 2
+    near, far = seen.rows[0], seen.rows[-1]
+    assert near[middle] == far[middle] == "#"
+    assert far[0] == far[-1] == "."
+    behind = surface_of(picture(0.0, 90), rolling)
+    assert behind is not None
+    assert behind.rows[0].strip() == "", "nobody knows where the robot went for a second"
 
 
 def test_a_road_that_becomes_narrower_at_one_side_is_measured_anew(

@@ -39,6 +39,8 @@ OPENING_VIEW, OPENING_ROWS = 1.35, 48
 fitted to (farther ahead it is a guess), and how finely."""
 AHEAD = 0.3
 """Half the width of what lies straight ahead, in half-widths of the road."""
+LONGEST_STEP_S = 0.5
+"""Between two pictures, for which the robot's last velocity is believed."""
 WRONG_M, WRONG_SHARE = 1.0, 0.6
 """Where most of the nearest edges lie this far outside, the line is not the road's."""
 
@@ -129,7 +131,7 @@ class VisionFollower:
             self._view = GroundView(camera, (shape[0], shape[1]), far_m)
             farther_m = OPENING_VIEW * far_m
             self._far_view = GroundView(camera, (shape[0], shape[1]), farther_m, rows=OPENING_ROWS)
-            self._aspect = aspect
+            self._aspect, self._surface = aspect, None
         return self._view
 
     def _predict(self, header: Stamp, state: VehicleState | None) -> None:
@@ -141,7 +143,9 @@ class VisionFollower:
         if last is None or last.epoch != header.epoch:
             self._surface = None
             return
-        passed_s = min(max((header.time_ns - last.time_ns) / NS_PER_S, 0.0), 0.5)
+        passed_s = max((header.time_ns - last.time_ns) / NS_PER_S, 0.0)
+        if passed_s > LONGEST_STEP_S:  # where the robot went meanwhile, nobody knows
+            passed_s, self._surface = LONGEST_STEP_S, None
         ahead_m, turned_rad = self._speed_mps * passed_s, self._yaw_rate_radps * passed_s
         if self._line is not None:
             self._line = self._line.moved(ahead_m, turned_rad)
