@@ -10,8 +10,12 @@ distances in units of the height can be seen.
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+Array = NDArray[np.float64]
+LEAST_DEPTH_M = 1e-6
 NEAR_ROW = 0.88
 """Row of the picture (0 top, 1 bottom) at which a mouth is as near as can still be seen."""
 FAR_HEIGHTS = 5.0
@@ -60,11 +64,20 @@ class CameraGeometry(BaseModel):
     def project(self, x_m: float, y_m: float) -> tuple[float, float] | None:
         """Return (column, row), fractions, of a ground point; None: it lies behind the camera."""
         s, c = math.sin(self.pitch_rad), math.cos(self.pitch_rad)
-        depth = x_m * c + self.height_m * s
-        if depth <= 1e-6:
+        if x_m * c + self.height_m * s <= LEAST_DEPTH_M:
             return None
+        column, row = self.project_all(np.array(x_m), np.array(y_m))
+        return float(column), float(row)
+
+    def project_all(self, x_m: Array, y_m: Array) -> tuple[Array, Array]:
+        """Return (columns, rows) of ground points before the camera; of others they mean nothing.
+
+        Columns have the shape to which `x_m` and `y_m` broadcast, rows that of `x_m`.
+        """
+        s, c = math.sin(self.pitch_rad), math.cos(self.pitch_rad)
+        depth = np.maximum(x_m * c + self.height_m * s, LEAST_DEPTH_M)
         down = (self.height_m * c - x_m * s) / depth
-        return (0.5 - y_m / depth * self.focal, 0.5 + down * self.focal * self.aspect)
+        return 0.5 - y_m / depth * self.focal, 0.5 + down * self.focal * self.aspect
 
     @property
     def horizon_row(self) -> float:

@@ -60,13 +60,10 @@ class GroundView:
         self.x_m: Array = np.linspace(self.near_m, self.far_m, rows)
         self.y_m: Array = np.arange(half_width_m, -half_width_m - 1e-9, -step_m)
         self._step_m = step_m
-        s, c = np.sin(camera.pitch_rad), np.cos(camera.pitch_rad)
-        depth = self.x_m * c + camera.height_m * s
-        row = 0.5 + (camera.height_m * c - self.x_m * s) / depth * camera.focal * camera.aspect
-        column = 0.5 - self.y_m[None, :] / depth[:, None] * camera.focal
+        column, row = camera.project_all(self.x_m[:, None], self.y_m[None, :])
         height, width = mask_shape
         map_x = (column * width - 0.5).astype(np.float32)
-        map_y = np.broadcast_to((row * height - 0.5)[:, None], column.shape).astype(np.float32)
+        map_y = np.broadcast_to(row * height - 0.5, column.shape).astype(np.float32)
         self._maps = cv2.convertMaps(map_x, map_y, cv2.CV_16SC2)
         self.visible: Flags = (column >= 0.0) & (column <= 1.0)
 

@@ -91,10 +91,7 @@ class SurfaceMemory:
     def _look(self, mask: NDArray[np.float32], x_m: Array, y_m: Array) -> Array:
         """Return the probability in one mask at points of its robot frame; NaN: not in it."""
         camera, (height, width) = self._camera, mask.shape
-        s, c = math.sin(camera.pitch_rad), math.cos(camera.pitch_rad)
-        depth = np.maximum(x_m * c + camera.height_m * s, 1e-6)
-        column = 0.5 - y_m / depth * camera.focal
-        row = 0.5 + (camera.height_m * c - x_m * s) / depth * camera.focal * camera.aspect
+        column, row = camera.project_all(x_m, y_m)
         inside = (np.minimum(column, row) >= BORDER) & (np.maximum(column, row) <= 1 - BORDER)
         inside &= (x_m > 0) & (x_m <= FARTHEST_HEIGHTS * camera.height_m)
         i = np.clip((row * height).astype(np.intp), 0, height - 1)
