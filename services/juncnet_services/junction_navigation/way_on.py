@@ -21,11 +21,10 @@ def sees_way_on(
 ) -> bool:
     """Return whether the follower's road is the way on, behind the middle of a junction.
 
-    It must have been sure once of a road ahead, or of one anywhere where the surface ahead ends.
-    A road that the robot is not on is an arm's as long as the surface goes on ahead: the way on
-    comes into sight later. It may bend: the heading held from then on, while it is not seen, is the
-    newest. Where the surface is known to end straight ahead, it surely does, and a likely view of
-    it is taken as long as none has been certain.
+    It must have been sure once of a road that lies and leads ahead, or of one anywhere where the
+    surface ahead ends. The way straight on may bend: the heading held from then on, while it is not
+    seen, is the newest. Where the surface is known to end straight ahead, it surely does, and a
+    likely view of it is taken as long as none has been certain.
     """
     junction = state.junction
     if junction is None:
@@ -40,8 +39,6 @@ def sees_way_on(
         return False
     ends_m = inputs.road_ends_m
     only = ends_m is not None and ends_m <= config.crossing_width_m
-    if inputs.road_aside and not only:
-        return False
     leads_rad = state.yaw_rad + inputs.road_heading_rad
     ahead = max(abs(rad - state.heading_rad) for rad in (towards_rad, leads_rad)) <= AHEAD_RAD
     junction.way_seen = junction.way_seen or (inputs.road_certain and (ahead or only))
