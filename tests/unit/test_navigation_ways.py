@@ -122,6 +122,22 @@ def test_the_way_on_bends_where_the_surface_ends_ahead(
     assert (wanted.yaw_rate_radps == pytest.approx(0.0)) is not turned
 
 
+@pytest.mark.parametrize(("leads_deg", "taken"), [(-10.0, True), (-29.0, False)])
+def test_a_road_ahead_that_leads_aside_is_an_arm(leads_deg: float, taken: bool) -> None:
+    """Of two arms left and right of straight on, the line bends towards one; both are near."""
+    state = crossing()
+    state.odometer_m += 4.0
+    flown = navigator(state)
+    for number in range(1, 8):
+        seen = road(number, math.radians(-15.0), confidence=0.8)
+        assert seen.road is not None
+        leads = seen.road.model_copy(update={"heading_rad": math.radians(leads_deg)})
+        step(flown, number, seen.model_copy(update={"road": leads}))
+    assert flown.progress.phase is Phase.CROSSING
+    assert state.junction is not None
+    assert state.junction.way_seen is taken
+
+
 def test_a_robot_looks_around_before_it_leaves_the_surface() -> None:
     flown, ends_m = navigator(crossing()), 6.5
     for number in range(1, 40):
