@@ -7,9 +7,9 @@ from juncnet_services.junction_navigation.inputs import Inputs
 from juncnet_services.junction_navigation.plan import JunctionPlan
 from juncnet_services.junction_navigation.progress import Progress
 
-AHEAD_RAD = math.radians(20)
+AHEAD_RAD, LEADS_RAD = math.radians(35), math.radians(20)
 """How far off its heading a robot that crosses a junction may first see the way on, and how far off
-that the way may lead: others than the way on come into sight beside it, bent towards their arms."""
+that the way may lead there: what leads farther aside is bent towards another arm."""
 FARTHEST_RAD = math.radians(35)
 """And how far off the road that it came by, where that road is known to end at the junction."""
 LIKELY = 0.45
@@ -40,7 +40,8 @@ def sees_way_on(
     ends_m = inputs.road_ends_m
     only = ends_m is not None and ends_m <= config.crossing_width_m
     leads_rad = state.yaw_rad + inputs.road_heading_rad
-    ahead = max(abs(rad - state.heading_rad) for rad in (towards_rad, leads_rad)) <= AHEAD_RAD
+    leads_on = abs(leads_rad - state.heading_rad) <= LEADS_RAD
+    ahead = leads_on and abs(towards_rad - state.heading_rad) <= AHEAD_RAD
     junction.way_seen = junction.way_seen or (inputs.road_certain and (ahead or only))
     return junction.way_seen and inputs.road_visible
 
