@@ -107,11 +107,16 @@ def test_flights_in_simulated_time_have_a_table_of_their_own(
 
 def test_a_report_with_other_options_is_left_alone(tmp_path: Path) -> None:
     out = tmp_path / "flights.json"
-    origin = provenance(["juncnet", "flights"])
+    origin = provenance(["juncnet", "flights"]).model_copy(update={"commit": "1" * 40})
     rover = Report(vehicle="rover", settings=(), provenance=origin, flights=())
     write_report(rover, "", out)
     assert flown_before(out, rover) == ()
     for other in ({"vehicle": "copter"}, {"simulated": True}, {"settings": ("a.b=1",)}):
         with pytest.raises(ValueError, match="other options"):
             flown_before(out, rover.model_copy(update=other))
+    changed = origin.model_copy(update={"commit": f"{origin.commit}-changed"})
+    assert flown_before(out, rover.model_copy(update={"provenance": changed})) == ()
+    newer = origin.model_copy(update={"commit": "0" * 40})
+    with pytest.raises(ValueError, match="this is 0000"):
+        flown_before(out, rover.model_copy(update={"provenance": newer}))
     assert "0 of 0" in markdown(Report.model_validate_json(out.read_text()))

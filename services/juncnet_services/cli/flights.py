@@ -197,7 +197,7 @@ def write_report(report: BaseModel, text: str, path: Path) -> None:
 def flown_before(path: Path, wanted: Report) -> tuple[Flown, ...]:
     """Return the flights that a report at `path` has, void ones left out; none without a report.
 
-    They must be of the same vehicle and options, and as simulated, as those of `wanted`.
+    They must be of the same vehicle, options and code, and as simulated, as those of `wanted`.
 
     Raises:
         ValueError: it is no report, or one of other flights than these.
@@ -210,6 +210,9 @@ def flown_before(path: Path, wanted: Report) -> tuple[Flown, ...]:
         raise ValueError(f"{path} is no report of flights: remove it") from error
     if any(getattr(before, name) != getattr(wanted, name) for name in SAME):
         raise ValueError(f"{path} has flights with other options: name another file with --out")
+    old, new = (r.provenance.commit.removesuffix("-changed") for r in (before, wanted))
+    if old != new:
+        raise ValueError(f"{path} has flights of {old or 'another'}, this is {new}: leave --resume")
     return tuple(flight for flight in before.flights if flight.summary.verdict != "void")
 
 
