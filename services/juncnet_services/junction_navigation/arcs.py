@@ -19,6 +19,8 @@ WIDER = 0.6
 """A turn begins, at the latest, when an arc of this part of its curvature would miss its road."""
 BEHIND_M, LONGEST_M = 1.5, 8.0
 """How far behind that arc its path must be on the road, and the longest that is looked at."""
+AGAINST_RAD = 0.5
+"""What is left of a turn, from which on no arc is driven against it."""
 EVADED_M = 1.5
 """Length of an arc away from where the turn leads."""
 ANGLES = np.linspace(-1.0, 1.0, 5)
@@ -40,12 +42,14 @@ class Arcs:
         """Return the curvature near the wanted one (1/m, left positive) that stays on the road.
 
         The path turns by `turn_rad`, known `within_rad`, and goes straight on from there. Where
-        none stays on the road, one that does for longer is taken for one that is nearer.
+        none stays on the road, one that does for longer is taken for one that is nearer; none is
+        against a turn that is still to be made, for it leads onto another road.
         """
         if self.surface is None:
             return wanted_1pm
-        fan = np.linspace(-self.tightest_1pm, self.tightest_1pm, CANDIDATES)
-        curvatures = np.append(wanted_1pm, fan)
+        least = 0.0 if turn_rad > AGAINST_RAD else -self.tightest_1pm
+        most = 0.0 if turn_rad < -AGAINST_RAD else self.tightest_1pm
+        curvatures = np.append(wanted_1pm, np.linspace(least, most, CANDIDATES))
         clear = self._clear_m(self.surface, curvatures, turn_rad, within_rad, AHEAD_M)
         apart = abs(curvatures - wanted_1pm) / (2 * self.tightest_1pm)
         return float(curvatures[np.argmin(apart + OFF_ROAD * (1 - clear / AHEAD_M))])
