@@ -210,9 +210,13 @@ def flown_before(path: Path, wanted: Report) -> tuple[Flown, ...]:
         raise ValueError(f"{path} is no report of flights: remove it") from error
     if any(getattr(before, name) != getattr(wanted, name) for name in SAME):
         raise ValueError(f"{path} has flights with other options: name another file with --out")
-    old, new = (r.provenance.commit.removesuffix("-changed") for r in (before, wanted))
-    if old != new:
-        raise ValueError(f"{path} has flights of {old or 'another'}, this is {new}: leave --resume")
+    commits = [r.provenance.commit.removesuffix("-changed") for r in (before, wanted)]
+    if len(set(commits)) > 1:
+        old, new = (commit or "no checkout" for commit in commits)
+        raise ValueError(
+            f"{path} has flights of other code ({old}), this is {new}: "
+            "name another file with --out, or fly all anew without --resume"
+        )
     return tuple(flight for flight in before.flights if flight.summary.verdict != "void")
 
 

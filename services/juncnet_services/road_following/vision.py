@@ -79,7 +79,8 @@ class VisionFollower:
         )
         self._view: GroundView | None = None
         self._far_view: GroundView | None = None
-        self._aspect = 0.0
+        self._camera = options.camera
+        """With the pictures' aspect, once there was one."""
         self._line: CentreLine | None = None
         self._poor_frames = self._frames = 0
         self._speed_mps = self._yaw_rate_radps = 0.0
@@ -125,13 +126,13 @@ class VisionFollower:
     def _view_of(self, frame: Frame, shape: tuple[int, ...]) -> GroundView:
         """Return the ground view for pictures of this shape, kept from picture to picture."""
         aspect = frame.width / frame.height
-        if self._view is None or aspect != self._aspect:
-            camera = self._options.camera.model_copy(update={"aspect": aspect})
+        if self._view is None or aspect != self._camera.aspect:
+            self._camera = camera = self._options.camera.model_copy(update={"aspect": aspect})
             far_m = min(self._options.view_heights * camera.height_m, self._options.view_m)
             self._view = GroundView(camera, (shape[0], shape[1]), far_m)
             farther_m = OPENING_VIEW * far_m
             self._far_view = GroundView(camera, (shape[0], shape[1]), farther_m, rows=OPENING_ROWS)
-            self._aspect, self._surface = aspect, None
+            self._surface = None
         return self._view
 
     def _predict(self, header: Stamp, state: VehicleState | None) -> None:
@@ -159,8 +160,7 @@ class VisionFollower:
         if state is None or state.capabilities.turns_in_place:
             return None
         if self._surface is None:
-            camera = self._options.camera.model_copy(update={"aspect": self._aspect})
-            self._surface = SurfaceMemory(camera)
+            self._surface = SurfaceMemory(self._camera)
         self._surface.see(probability)
         return self._surface.around()
 
