@@ -146,6 +146,16 @@ def test_a_car_is_steered_by_the_surface_and_a_copter_is_not(turns_in_place: boo
     assert (rate > 0.05) is not turns_in_place
 
 
+def test_the_last_chance_of_an_arm_is_taken_where_the_way_straight_on_bends_to_its_side() -> None:
+    """An arc that misses the arm leads 30 degrees left, onto the way on: that is no left."""
+
+    def both(x: float, y: float) -> bool:
+        bend = abs(y - 0.6 * max(x - 4, 0.0)) <= 3
+        return bend or (y > 0 and abs(x - 2) <= 2.5)
+
+    assert helm(surface(both))[0].last_chance
+
+
 def test_a_robot_off_its_heading_comes_back_to_it() -> None:
     steered, state = helm(surface(lambda x, y: True))
     state.yaw_rad = 0.2

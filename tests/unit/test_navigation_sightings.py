@@ -1,6 +1,7 @@
 """Openings seen in several pictures: one place, told from noise, and what it says of a junction."""
 
 import math
+from typing import Literal
 
 import pytest
 
@@ -52,7 +53,7 @@ def approach(
 
 def test_an_opening_seen_for_long_with_some_score_is_a_junction_where_it_is() -> None:
     state = progress()
-    found = approach(state, 15.0, 8.0, smoothed=0.6).next_junction(free_m=-math.inf)
+    found = approach(state, 15.0, 8.0, smoothed=0.6).next_junction()
     assert found is not None
     assert mouth_m(found, BAND, 6.0) == pytest.approx(15.0 - MOUTH_BEFORE_M, abs=0.15)
     assert state.sightings == []
@@ -71,15 +72,15 @@ def test_an_opening_seen_for_long_with_some_score_is_a_junction_where_it_is() ->
 )
 def test_what_is_not_sure_is_no_junction(travelled_m: float, smoothed: float, every: int) -> None:
     sightings = approach(progress(), 15.0, travelled_m, smoothed, every)
-    assert sightings.next_junction(free_m=-math.inf) is None
+    assert sightings.next_junction() is None
 
 
 def test_a_plain_opening_needs_no_more_than_a_hint_of_a_score() -> None:
-    found = approach(progress(), 15.0, 8.0, smoothed=0.2).next_junction(free_m=-math.inf)
+    found = approach(progress(), 15.0, 8.0, smoothed=0.2).next_junction()
     assert found is not None
     assert mouth_m(found, BAND, 8.0) == pytest.approx(15.0 - MOUTH_BEFORE_M, abs=0.15)
     far = approach(progress(), 18.0, 7.0, smoothed=0.2)
-    assert far.next_junction(free_m=-math.inf) is None, "not as long as it is far off"
+    assert far.next_junction() is None, "not as long as it is far off"
 
 
 @pytest.mark.parametrize(("drift", "counted"), [(0.2, True), (0.8, False)])
@@ -90,11 +91,37 @@ def test_what_goes_along_with_the_robot_is_no_opening(drift: float, counted: boo
     (seen,) = state.sightings
     assert seen.frames > 60
     assert seen.drift == pytest.approx(drift, abs=0.05)
-    assert (sightings.next_junction(free_m=-math.inf) is not None) is counted
+    assert (sightings.next_junction() is not None) is counted
 
 
-def test_an_opening_before_another_junction_may_begin_is_none() -> None:
-    assert approach(progress(), 15.0, 8.0, smoothed=0.6).next_junction(free_m=14.0) is None
+@pytest.mark.parametrize(("left_m", "another"), [(12.0, True), (14.0, False)])
+def test_an_opening_behind_where_a_junction_was_left_is_anothers(
+    left_m: float, another: bool
+) -> None:
+    state = progress()
+    state.left_m = left_m
+    sightings = approach(state, 15.0, 8.0, smoothed=0.6)
+    assert (sightings.next_junction() is not None) is another
+
+
+@pytest.mark.parametrize(("turn", "believed"), [("left", True), ("right", False)])
+def test_an_opening_to_turn_into_is_believed_sooner(
+    turn: Literal["left", "right"], believed: bool
+) -> None:
+    state = progress(Turn(at=1, turn=turn))
+    state.junction, state.count = Junction(rise_m=0.0), 1
+    approach(state, 17.5, 1.6, smoothed=0.9)
+    assert len(state.junction.sightings) == believed
+
+
+@pytest.mark.parametrize("trusted", [True, False])
+def test_the_edge_of_a_road_that_is_not_surely_its_own_closes_no_opening(trusted: bool) -> None:
+    state = progress(Turn(at=1, turn="left"))
+    state.junction, state.count = Junction(rise_m=0.0), 1
+    sightings = approach(state, 17.5, 3.0, smoothed=0.9)
+    for _ in range(40):
+        sightings.see(road(), state.odometer_m, trusted)
+    assert len(state.junction.sightings) == (not trusted)
 
 
 def test_a_counted_junction_takes_over_the_opening_beside_its_mouth() -> None:
@@ -203,4 +230,22 @@ def test_a_junction_is_left_behind_the_opening_across(far_m: float | None, exit_
     state.count, state.odometer_m = 1, 15.0
     opening = sighting(12.0, far_m)
     state.junction = Junction(rise_m=0.0, rise_seen=False, sightings=[opening])
+    assert plan(state).past_m == pytest.approx(15.0 - exit_m - config.exit_margin_m)
+
+
+@pytest.mark.parametrize(
+    ("far_m", "pictures", "exit_m"),
+    [(20.0, 20, 22.0), (23.0, 20, 25.0), (23.0, 2, 22.0), (30.0, 20, 22.0)],
+    ids=["as wide as the own road", "wider", "seen too shortly", "not believed"],
+)
+def test_a_junction_is_left_where_an_edge_seen_on_it_begins_anew(
+    far_m: float, pictures: int, exit_m: float
+) -> None:
+    state, config = progress(), NavigatorConfig()
+    state.count, state.odometer_m, state.phase = 1, 15.0, Phase.CROSSING
+    state.junction = Junction(rise_m=0.0, rise_seen=False, sightings=[sighting(12.0)])
+    state.junction.sightings[0].side = "right"
+    sightings = Sightings(CAMERA, state)
+    for _ in range(pictures):
+        sightings.see(road(RoadOpening(side="left", far_m=far_m - 15.0)), state.odometer_m)
     assert plan(state).past_m == pytest.approx(15.0 - exit_m - config.exit_margin_m)

@@ -155,7 +155,7 @@ def test_no_direction_is_learned_from_a_side_arm_of_a_junction_to_be_crossed() -
         state.phase, state.odometer_m = Phase.APPROACHING, BAND.d_far_m - 4.0
         flown = navigator(state)
         for number in range(1, 6):
-            step(flown, number, road(number, 0.4, confidence=1.0))
+            step(flown, number, road(number, 0.3, confidence=1.0))
         assert (abs(flown.progress.heading_rad) > 0.05) is learned
 
 
@@ -212,12 +212,12 @@ def test_a_road_that_the_robot_is_not_on_is_not_its_axis(offset_m: float, learne
     state.phase, state.count, state.axis_rad = Phase.APPROACHING, 1, 0.0
     state.junction = Junction(rise_m=0.0)
     flown = navigator(state)
-    seen = road(1, 0.6, confidence=1.0)
+    seen = road(1, 0.3, confidence=1.0)
     assert seen.road is not None
     beside = seen.road.model_copy(update={"offset_m": offset_m})
     for number in range(1, 20):
         step(
-            flown, number, road(number, 0.6).model_copy(update={"road": beside, "confidence": 1.0})
+            flown, number, road(number, 0.3).model_copy(update={"road": beside, "confidence": 1.0})
         )
     assert flown.progress.axis_rad is not None
     assert (flown.progress.axis_rad > 0.05) is learned
@@ -265,7 +265,7 @@ def test_a_score_that_lingers_fell_half_way_from_certain(
 
 @pytest.mark.parametrize(
     ("confidence", "towards_rad", "learned"),
-    [(1.0, 0.4, True), (0.6, 0.4, False), (1.0, 0.9, False)],
+    [(1.0, 0.3, True), (0.6, 0.3, False), (1.0, 0.45, False)],
 )
 def test_before_a_turn_the_road_is_learned_from_views_of_itself_that_are_sure(
     confidence: float, towards_rad: float, learned: bool

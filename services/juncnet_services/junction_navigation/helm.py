@@ -12,6 +12,10 @@ HOLD_YAW_RADPS = 0.5
 HELD_RAD = 0.35
 """How far off the held heading a robot that cannot turn in place evades what is no road."""
 
+LIKELIER = 0.5
+"""Part of the angles that a turn may have, around its own, that is waited for: towards the others
+the way straight on may lead."""
+
 
 class Helm:
     """Steers by the yaw of a `Progress`, and by the surface that a follower told."""
@@ -56,7 +60,7 @@ class Helm:
         turn, radius_m = self._plan.turn, self._plan.radius_m
         if radius_m == 0:
             return False
-        within = turning.search_arc(turn, 0.0, self._config.turn)[1]
+        within = LIKELIER * turning.search_arc(turn, 0.0, self._config.turn)[1]
         return self._arcs.last_chance(turning.angle_rad(turn), within, radius_m)
 
     @property

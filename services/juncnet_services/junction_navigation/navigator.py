@@ -37,6 +37,8 @@ from juncnet_services.junction_navigation.way_on import nothing_ahead, sees_way_
 STANDING_MPS = 0.35
 AXIS_S, AXIS_STEP_S = 0.4, 0.1
 WIDTH_WEIGHT = 0.2
+SIDE_ARM_RAD = 0.35
+"""A road that leads so far aside, before a junction, is a side arm of it."""
 
 
 class Navigator:
@@ -135,7 +137,7 @@ class Navigator:
         header = road.header
         at_m, yaw = self._odometry.at(self._inputs.captured_ns(header, now))
         if road.road is not None and self.progress.turn is None:
-            self._sightings.see(road.road, at_m)
+            self._sightings.see(road.road, at_m, self._inputs.road_trust >= 1)
         if self.progress.turn is not None:
             turn, least = self.progress.turn, self.config.sight_confidence
             middle, within = turning.search_arc(turn.turn, turn.aligning_s, self.config.turn)
@@ -163,7 +165,7 @@ class Navigator:
         """
         direction = yaw + (road.road.heading_rad if road.road is not None else 0.0)
         axis, approaching = self.progress.axis_rad, self.progress.phase is Phase.APPROACHING
-        if axis is None or abs(direction - axis) > math.pi / 4:
+        if axis is None or abs(direction - axis) > (SIDE_ARM_RAD if approaching else math.pi / 4):
             self.progress.axis_rad = axis if axis is not None and approaching else direction
             return
         weight = 1 - math.exp(-min(max(elapsed_s, 0.0), AXIS_STEP_S) / AXIS_S)
@@ -199,7 +201,7 @@ class Navigator:
             return self._aligning()
         found = self._detector.next_junction()
         if found is None and state.leave_m is None:
-            found = self._sightings.next_junction(self._detector.free_m)
+            found = self._sightings.next_junction()
         if found is not None:
             state.junction, state.phase = found, Phase.APPROACHING
             state.count += 1
@@ -338,7 +340,7 @@ class Navigator:
         state.left_m, state.leave_m, state.junction = state.odometer_m, None, None
         state.turned = None
         state.phase = Phase.FOLLOWING
-        self._sightings.forget(self._detector.free_m)
+        self._sightings.forget(state.left_m)
         if turned:
             self._detector.forget()
         if state.mission.finish_after is not None and state.count >= state.mission.finish_after:

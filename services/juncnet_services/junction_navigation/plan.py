@@ -40,7 +40,7 @@ class JunctionPlan:
     @property
     def turn(self) -> Turn:
         """What to do at the counted junction."""
-        return self._progress.mission.turn_at(max(self._progress.count, 1))
+        return self._progress.turn_here
 
     @property
     def straight(self) -> bool:
@@ -103,9 +103,8 @@ class JunctionPlan:
         whatever a slight turn's angle makes of its opening.
         """
         junction = self._progress.junction
-        side = "left" if turning.angle_rad(self.turn) > 0 else "right"
         seen = [] if junction is None else junction.sightings
-        into = next((s for s in seen if s.side == side), None)
+        into = next((s for s in seen if s.side == turning.side(self.turn)), None)
         if into is None:
             across_m = _half_length_m(seen[0]) if seen and self.turn.angle_deg is None else None
             behind_mouth_m = max(self.reach_m, MOUTH_BEFORE_M + (across_m or 0.0))
@@ -146,6 +145,9 @@ class JunctionPlan:
             for opening in state.junction.sightings:
                 if opening.far_m is not None and _half_length_m(opening) is not None:
                     across_m = max(across_m, opening.far_m + MOUTH_BEFORE_M - mouth_m)
+            if state.junction.far_m is not None and state.junction.far_weight >= SURE_END:
+                beyond_m = state.junction.far_m + MOUTH_BEFORE_M - mouth_m
+                across_m = beyond_m if across_m < beyond_m <= LONGEST_OPENING_M else across_m
         return -self.mouth_ahead_m - across_m - self._config.exit_margin_m
 
     @property

@@ -71,6 +71,10 @@ class Junction(BaseModel):
     """Where the robot's road ends beyond it, as at a T, once that was seen."""
     end_weight: float = Field(default=0.0, ge=0)
     """Of `end_m`: the sum of the pictures' inverse variances."""
+    far_m: float | None = None
+    """Where an edge of the robot's road begins anew beyond it, seen while crossing it."""
+    far_weight: float = Field(default=0.0, ge=0)
+    """Of `far_m`."""
     axis_rad: float | None = None
     """Direction of the road by which the robot entered it; None: it has not."""
     way_seen: bool = False
@@ -145,6 +149,11 @@ class Progress(BaseModel):
     """Odometer reading at which a junction where the robot turned is left."""
     left_m: float | None = None
     """Odometer reading where the last junction was left."""
+
+    @property
+    def turn_here(self) -> Turn:
+        """What the mission says of the junction that was counted last, or of the first."""
+        return self.mission.turn_at(max(self.count, 1))
 
     @property
     def heading_rad(self) -> float:

@@ -1,7 +1,10 @@
 """Openings in the road's edge that a follower sees: followed over pictures, told from noise."""
 
+import math
+
 from juncnet.camera import CameraGeometry
 from juncnet.messages import Phase, RoadOpening, RoadSeen
+from juncnet_services.junction_navigation import turning
 from juncnet_services.junction_navigation.place import (
     GATE,
     agree,
@@ -43,17 +46,21 @@ class Sightings:
         self._sure_m = SURE_HEIGHTS * camera.height_m
         self._plain_m = PLAIN_BAND * camera.band.d_far_m
 
-    def see(self, road: RoadSeen, at_m: float) -> None:
-        """Take what a picture from the odometer reading `at_m` shows of other roads."""
+    def see(self, road: RoadSeen, at_m: float, trusted: bool = True) -> None:
+        """Take what a picture from the odometer reading `at_m` shows of other roads.
+
+        `trusted`: whether the road is surely the robot's own. An edge of one that bends into a side
+        arm says nothing against the opening there.
+        """
         state = self._progress
-        if state.phase is Phase.CROSSING and state.junction and road.ends_m is not None:
-            _end(state.junction, road.ends_m, at_m)
+        if state.phase is Phase.CROSSING and state.junction:
+            _see_far_side(state.junction, road, at_m)
         seen = {opening.side: opening for opening in road.openings}
         for sighting in self._all():
             opening = seen.get(sighting.side)
             if opening is not None and _joined(sighting, opening, at_m):
                 del seen[sighting.side]
-            elif at_m + self._band.d_near_m < sighting.near_m and _closed(sighting, opening, at_m):
+            elif trusted and self._misses(sighting, opening, at_m):
                 sighting.missed += 1
         for opening in seen.values():
             if opening.near_m is not None:
@@ -72,12 +79,13 @@ class Sightings:
                 difference = self._progress.smoothed - sighting.probability
                 sighting.probability += difference / sighting.scored
 
-    def next_junction(self, free_m: float) -> Junction | None:
-        """Return a junction whose opening is sure, whose mouth lies behind `free_m`; else None."""
+    def next_junction(self) -> Junction | None:
+        """Return a junction whose opening is sure and no part of the last junction; else None."""
         state = self._progress
         if state.junction is not None:
             return None
-        sure = [s for s in state.sightings if self._sure(s) and sighted_mouth_m(s) > free_m]
+        left_m = -math.inf if state.left_m is None else state.left_m
+        sure = [s for s in state.sightings if self._sure(s) and sighted_mouth_m(s) > left_m]
         if not sure:
             return None
         first = min(sure, key=lambda s: s.near_m)
@@ -99,6 +107,14 @@ class Sightings:
     def _all(self) -> list[Sighting]:
         junction = self._progress.junction
         return [*(junction.sightings if junction else ()), *self._progress.sightings]
+
+    def _misses(self, sighting: Sighting, opening: RoadOpening | None, at_m: float) -> bool:
+        """Return whether a picture, whose nearest opening is `opening`, shows an edge instead."""
+        if at_m + self._band.d_near_m >= sighting.near_m:
+            return False
+        if opening is None:
+            return True
+        return opening.near_m is not None and at_m + opening.near_m > sighting.near_m
 
     def _sure(self, sighting: Sighting) -> bool:
         return (
@@ -125,9 +141,12 @@ class Sightings:
         return not passed and sighting.missed <= sighting.frames + SURE_FRAMES
 
     def _adopt(self, junction: Junction) -> None:
-        """Give the counted junction the openings beside it; take from it those that are not."""
+        """Give the counted junction the openings beside it; take from it those that are not.
+
+        One to turn into is expected, and believed sooner.
+        """
         state = self._progress
-        at_m = state.odometer_m
+        at_m, into = state.odometer_m, turning.side(state.turn_here)
         own = [
             s
             for s in junction.sightings
@@ -138,6 +157,7 @@ class Sightings:
         for sighting in sorted(state.sightings, key=lambda s: abs(sighted_mouth_m(s) - expected_m)):
             near = not own or abs(sighted_mouth_m(sighting) - sighted_mouth_m(own[0])) <= SAME_M
             seen = sighting.last_m - sighting.first_m >= self._sure_m / 2
+            seen = seen or (sighting.side == into and sighting.frames >= SURE_FRAMES)
             fits = junction.rise_seen and agree(junction, sighting, self._band, at_m)
             if near and seen and (own or fits) and all(s.side != sighting.side for s in own):
                 own.append(sighting)
@@ -184,24 +204,32 @@ def _joined(sighting: Sighting, opening: RoadOpening, at_m: float) -> bool:
     return True
 
 
-def _closed(sighting: Sighting, opening: RoadOpening | None, at_m: float) -> bool:
-    """Return whether a picture, whose nearest opening is `opening`, shows an edge at a sighting."""
-    if opening is None:
-        return True
-    return opening.near_m is not None and at_m + opening.near_m > sighting.near_m
+def _see_far_side(junction: Junction, road: RoadSeen, at_m: float) -> None:
+    """Let a picture from a junction's surface say where that, and the robot's road, end."""
+    if road.ends_m is not None:
+        junction.end_m, junction.end_weight = _averaged(
+            junction.end_m, junction.end_weight, road.ends_m, at_m
+        )
+    far_m = [o.far_m for o in road.openings if o.near_m is None and o.far_m is not None]
+    if far_m:
+        junction.far_m, junction.far_weight = _averaged(
+            junction.far_m, junction.far_weight, max(far_m), at_m
+        )
 
 
-def _end(junction: Junction, ends_m: float, at_m: float) -> None:
-    """Let a picture say where the road ends beyond the junction.
+def _averaged(
+    known_m: float | None, weight: float, seen_m: float, at_m: float
+) -> tuple[float, float]:
+    """Return a place and its weight after a picture from `at_m` that shows it `seen_m` ahead.
 
-    Pictures that disagree begin anew: an end that moves along with the robot is none.
+    Pictures that disagree begin anew: what moves along with the robot is no place.
     """
-    sigma_m = _sigma_m(ends_m)
-    if junction.end_m is None or abs(at_m + ends_m - junction.end_m) > GATE * sigma_m:
-        junction.end_m, junction.end_weight = at_m + ends_m, 0.0
-    weight = 1 / sigma_m**2
-    junction.end_weight = min(junction.end_weight + weight, HEAVIEST)
-    junction.end_m += weight / junction.end_weight * (at_m + ends_m - junction.end_m)
+    sigma_m, place_m = _sigma_m(seen_m), at_m + seen_m
+    if known_m is None or abs(place_m - known_m) > GATE * sigma_m:
+        known_m, weight = place_m, 0.0
+    own = 1 / sigma_m**2
+    weight = min(weight + own, HEAVIEST)
+    return known_m + own / weight * (place_m - known_m), weight
 
 
 def _nearest_end_m(opening: RoadOpening) -> float:

@@ -24,6 +24,13 @@ def angle_rad(turn: Turn) -> float:
     return NOMINAL_RAD[turn.turn or "straight"]
 
 
+def side(turn: Turn) -> str | None:
+    """Return on which side of the robot's road a turn leads: left or right; None: straight on."""
+    if is_straight(turn):
+        return None
+    return "left" if angle_rad(turn) > 0 else "right"
+
+
 def is_straight(turn: Turn) -> bool:
     """Return whether a turn is none: the robot crosses on its heading."""
     return abs(angle_rad(turn)) < STRAIGHT_RAD
