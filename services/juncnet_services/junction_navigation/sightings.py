@@ -21,13 +21,8 @@ SURE_HEIGHTS = 1.5
 """A sure opening was seen while the robot went on by so many camera heights,"""
 SURE_FRAMES = 8
 """in so many pictures, and in more than it was missed in,"""
-SURE_PROBABILITY = 0.42
-"""and with a mean score that does not deny it."""
-PLAIN_HEIGHTS, PLAIN_FRAMES, PLAIN_MISSED = 2.0, 20, 0.2
-"""A plain one was seen over so many heights, in so many pictures, and hardly ever missed:"""
-PLAIN_PROBABILITY, PLAIN_BAND, STILL_M = 0.1, 0.55, 0.4
-"""it counts with a score that only hints at it, once it is nearer than this part of d_far and
-still seen, so far ago at most: a bend's edge, or a shadow's, is gone from near by."""
+SURE_PROBABILITY = 0.6
+"""and with a mean score that speaks for it: a plaza, a drive or a parked car opens an edge too."""
 MOVING = 0.5
 """What goes along with the robot by more than this part of its way is no opening: a bend's edge."""
 SAME_M = 5.0
@@ -42,9 +37,7 @@ class Sightings:
 
     def __init__(self, camera: CameraGeometry, progress: Progress) -> None:
         self._band, self._progress = camera.band, progress
-        self._height_m = camera.height_m
         self._sure_m = SURE_HEIGHTS * camera.height_m
-        self._plain_m = PLAIN_BAND * camera.band.d_far_m
 
     def see(self, road: RoadSeen, at_m: float, trusted: bool = True) -> None:
         """Take what a picture from the odometer reading `at_m` shows of other roads.
@@ -121,20 +114,9 @@ class Sightings:
             sighting.last_m - sighting.first_m >= self._sure_m
             and sighting.frames >= max(SURE_FRAMES, sighting.missed)
             and sighting.scored >= SURE_FRAMES
-            and sighting.probability >= self._least_probability(sighting)
+            and sighting.probability >= SURE_PROBABILITY
             and sighting.drift <= MOVING
         )
-
-    def _least_probability(self, sighting: Sighting) -> float:
-        """Return the mean score that an opening needs to be a junction's."""
-        plain = (
-            sighting.last_m - sighting.first_m >= PLAIN_HEIGHTS * self._height_m
-            and sighting.frames >= PLAIN_FRAMES
-            and sighting.missed <= PLAIN_MISSED * sighting.frames
-            and sighted_mouth_m(sighting) - self._progress.odometer_m <= self._plain_m
-            and self._progress.odometer_m - sighting.last_m <= STILL_M
-        )
-        return PLAIN_PROBABILITY if plain else SURE_PROBABILITY
 
     def _worth_keeping(self, sighting: Sighting) -> bool:
         passed = sighting.near_m < self._progress.odometer_m - FORGET_M
