@@ -1,6 +1,7 @@
 """Where the junction ahead is, where its turn begins, and how fast to get there."""
 
 import math
+from collections.abc import Iterator
 
 from juncnet.messages import Capabilities, Turn
 from juncnet_services.junction_navigation import turning
@@ -138,17 +139,22 @@ class JunctionPlan:
         That is as far behind its middle as the mouth is before it, or where an opening was seen to
         end, whichever is farther: the crossing road may be wider than the robot's.
         """
-        state = self._progress
-        across_m = 2 * self.reach_m
-        if state.junction is not None:
-            mouth_m = state.odometer_m + self.mouth_ahead_m
-            for opening in state.junction.sightings:
-                if opening.far_m is not None and _half_length_m(opening) is not None:
-                    across_m = max(across_m, opening.far_m + MOUTH_BEFORE_M - mouth_m)
-            if state.junction.far_m is not None and state.junction.far_weight >= SURE_END:
-                beyond_m = state.junction.far_m + MOUTH_BEFORE_M - mouth_m
-                across_m = beyond_m if across_m < beyond_m <= LONGEST_OPENING_M else across_m
+        mouth_m = self._progress.odometer_m + self.mouth_ahead_m
+        across_m = max([2 * self.reach_m, *(end_m - mouth_m for end_m in self._far_ends_m())])
         return -self.mouth_ahead_m - across_m - self._config.exit_margin_m
+
+    def _far_ends_m(self) -> Iterator[float]:
+        """Yield where the counted junction ends on its far side, by each edge that begins there."""
+        junction = self._progress.junction
+        if junction is None:
+            return
+        for opening in junction.sightings:
+            if opening.far_m is not None and _half_length_m(opening) is not None:
+                yield opening.far_m + MOUTH_BEFORE_M
+        if junction.far_m is not None and junction.far_weight >= SURE_END:
+            end_m = junction.far_m + MOUTH_BEFORE_M
+            if end_m - self._progress.odometer_m - self.mouth_ahead_m <= LONGEST_OPENING_M:
+                yield end_m
 
     @property
     def speed_limit_mps(self) -> float:
