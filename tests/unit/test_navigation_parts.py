@@ -187,8 +187,10 @@ def test_the_way_straight_on_is_no_turns_road() -> None:
     for number in range(6, 11):
         sight.look(road(number, number), 0.5, math.radians(40), within, 0.3)
     assert sight.agreed_rad == pytest.approx(0.5)
-    for turn in ("straight", "right"):  # a road to the right may lie at 40 degrees
-        assert turning.search_arc(Turn(at=1, turn=turn), 0.0, config) == (0.0, config.search_rad)
+    straight, right = (Turn(at=1, turn=turn) for turn in ("straight", "right"))
+    assert turning.search_arc(straight, 0.0, config) == (0.0, config.search_rad)
+    assert turning.search_arc(right, 0.0, config) == (0.0, turning.NAMED_RAD)
+    assert turning.search_arc(right, 13.0, config) == (0.0, config.search_rad), "in the end"
 
 
 @pytest.mark.parametrize("angle_deg", [-70.0, 70.0])

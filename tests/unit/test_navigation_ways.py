@@ -168,7 +168,7 @@ def turned(turn: Turn, aligning_s: float = 0.0) -> TurnProgress:
     ("turn", "direction_deg", "astray"),
     [
         (Turn(at=1, turn="left"), 90.0, False),
-        (Turn(at=1, turn="left"), 35.0, False),
+        (Turn(at=1, turn="left"), 40.0, False),
         (Turn(at=1, turn="left"), 10.0, True),
         (Turn(at=1, angle_deg=-65.0), -25.0, False),
         (Turn(at=1, angle_deg=-65.0), 0.0, True),

@@ -7,6 +7,8 @@ from juncnet_services.junction_navigation.config import TurnConfig
 from juncnet_services.junction_navigation.progress import TurnProgress
 
 NOMINAL_RAD = {"left": math.pi / 2, "right": -math.pi / 2, "straight": 0.0}
+NAMED_RAD = 0.7
+"""How far off a right angle the road of a turn that says no angle is looked for first."""
 LONGEST_TANGENT_RAD = math.radians(120)
 STRAIGHT_RAD = math.radians(15)
 ASTRAY_RAD = 0.25
@@ -57,15 +59,16 @@ def yaw_rate_radps(error_rad: float, config: TurnConfig) -> float:
 def search_arc(turn: Turn, aligning_s: float, config: TurnConfig) -> tuple[float, float]:
     """Return (middle from the nominal angle on, half width) of where a turn's road may lie.
 
-    `left` and `right` say no angle. What is nearer to straight on than to an angle that is said is
-    the way straight on. Once all that was searched in vain, the arc widens to the other side, and
-    at last to both: the road by which the robot came may have bent unseen.
+    What is nearer to straight on than to an angle that is said is the way straight on; `left` and
+    `right` say none, but a road that leads little aside is not looked for first. Once all that was
+    searched in vain, the arc widens to the other side, and at last to both: the road by which the
+    robot came may have bent unseen.
     """
     far = config.search_rad
-    if is_straight(turn) or turn.angle_deg is None:
+    if is_straight(turn):
         return 0.0, far
     angle = angle_rad(turn)
-    near = min(far, abs(angle) / 2)
+    near = min(far, NAMED_RAD if turn.angle_deg is None else abs(angle) / 2)
     aside = (far + near) / 2
     swept_rad = max(aligning_s - config.settle_s, 0.0) * config.sweep_radps
     if swept_rad <= 4 * near:
