@@ -140,8 +140,8 @@ class JunctionDetector:
             state.candidate = Junction(rise_m=state.odometer_m, rise_seen=False)
 
     @property
-    def free_m(self) -> float:
-        """Odometer reading from which on another junction may begin."""
+    def _free_m(self) -> float:
+        """Odometer reading from which on a score may be another junction's."""
         left_m = self._progress.left_m
         return -math.inf if left_m is None else left_m + self.config.gap_m
 
@@ -154,7 +154,7 @@ class JunctionDetector:
         state = self._progress
         if state.left_m is None:
             return False
-        if found.fall_m is not None and found.fall_m + self.band.d_near_m < self.free_m:
+        if found.fall_m is not None and found.fall_m + self.band.d_near_m < self._free_m:
             state.candidate = None
             return True
-        return state.odometer_m < self.free_m
+        return state.odometer_m < self._free_m

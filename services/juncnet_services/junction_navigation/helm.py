@@ -11,7 +11,6 @@ from juncnet_services.junction_navigation.progress import Progress, TurnProgress
 HOLD_YAW_RADPS = 0.5
 HELD_RAD = 0.35
 """How far off the held heading a robot that cannot turn in place evades what is no road."""
-
 LIKELIER = 0.7
 """Part of the angles that a turn may have, around its own, that is waited for: towards the others
 the way straight on may lead."""
