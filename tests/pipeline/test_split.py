@@ -73,7 +73,7 @@ class CameraOnTheNetwork:
         self._socket.setblocking(False)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run)
-        self.asked = 0
+        self.asked = self.sent = 0
 
     def __enter__(self) -> "CameraOnTheNetwork":
         self._thread.start()
@@ -103,7 +103,7 @@ class CameraOnTheNetwork:
             for datagram in packetise(nals, sequence, 3600 * number, 7):
                 self._socket.sendto(datagram, self._where)
                 sequence = (sequence + 1) % 0x10000
-            number += 1
+            self.sent = number = number + 1
 
     def _was_asked(self) -> bool:
         try:
@@ -185,6 +185,9 @@ def _split(folder: Path, request: pytest.FixtureRequest) -> Generator[Split]:
 def test_a_drone_without_libraries_for_pictures_shows_its_camera_and_obeys(
     split: Split,
 ) -> None:
+    # The stream has one key frame, its first picture: who joins later has to ask for another.
+    assert peers.eventually(lambda: split.camera.sent >= 25, LIMIT_S)
+    assert split.camera.asked == 0
     with split.laptop("frame_capture", ["junction_navigation"]) as eyes:
         camera = RemoteCamera(eyes, 2.0)
         pictures: list[tuple[int, str]] = []
@@ -196,7 +199,6 @@ def test_a_drone_without_libraries_for_pictures_shows_its_camera_and_obeys(
                     assert (picture.layout.width, picture.layout.height) == (WIDTH, HEIGHT)
         assert len(pictures) == 20
         assert pictures == sorted(pictures)
-        # The stream has one key frame, its first picture: who joins later has to ask for another.
         assert split.camera.asked > 0
     with split.laptop("junction_navigation", ["frame_capture"]) as navigation:
         states = navigation.subscribe(t.VEHICLE_STATE)

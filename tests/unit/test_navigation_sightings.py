@@ -224,6 +224,15 @@ def test_a_junction_is_left_behind_the_opening_across(far_m: float | None, exit_
     assert plan(state).past_m == pytest.approx(15.0 - exit_m - config.exit_margin_m)
 
 
+@pytest.mark.parametrize(("finish_after", "margins"), [(None, 1), (2, 1), (1, 2)])
+def test_the_last_junction_is_left_later(finish_after: int | None, margins: int) -> None:
+    state, config = progress(), NavigatorConfig()
+    state.mission = state.mission.model_copy(update={"finish_after": finish_after})
+    state.count, state.odometer_m = 1, 15.0
+    state.junction = Junction(rise_m=0.0, rise_seen=False, sightings=[sighting(12.0)])
+    assert plan(state).past_m == pytest.approx(15.0 - 22.0 - margins * config.exit_margin_m)
+
+
 @pytest.mark.parametrize(
     ("far_m", "pictures", "exit_m"),
     [(20.0, 20, 22.0), (23.0, 20, 25.0), (23.0, 2, 22.0), (30.0, 20, 22.0)],

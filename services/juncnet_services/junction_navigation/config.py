@@ -123,7 +123,7 @@ class NavigatorConfig(BaseModel):
     """Distance before the mouth within which the robot goes on its held heading when the follower
     is not sure of a road: before a T there is none ahead."""
     exit_margin_m: float = Field(default=3.0, ge=0)
-    """Distance behind a junction at which it has been left."""
+    """Distance behind a junction at which it has been left; behind a mission's last one, twice."""
     end_before_m: float = Field(default=4.0, ge=0)
     """Distance before the end of the robot's road at which it looks around for the way on."""
     blind_m: float = Field(default=0.5, gt=0)

@@ -308,7 +308,7 @@ class Navigator:
         state = self.progress
         self._event(EventKind.TURN_FINISHED)
         state.axis_rad = self._sight.agreed_rad
-        state.leave_m = state.odometer_m + self._plan.reach_m + self.config.exit_margin_m
+        state.leave_m = state.odometer_m + self._plan.reach_m + self._plan.exit_margin_m
         state.turned = self._under_way.model_copy(update={"ended_m": state.odometer_m})
         state.turn, state.phase = None, Phase.FOLLOWING
         self._astray = False
@@ -343,7 +343,7 @@ class Navigator:
         self._sightings.forget(state.left_m)
         if turned:
             self._detector.forget()
-        if state.mission.finish_after is not None and state.count >= state.mission.finish_after:
+        if state.at_last_junction:
             state.phase = Phase.FINISHED
             self._event(EventKind.MISSION_FINISHED)
 

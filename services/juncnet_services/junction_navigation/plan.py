@@ -141,7 +141,16 @@ class JunctionPlan:
         """
         mouth_m = self._progress.odometer_m + self.mouth_ahead_m
         across_m = max([2 * self.reach_m, *(end_m - mouth_m for end_m in self._far_ends_m())])
-        return -self.mouth_ahead_m - across_m - self._config.exit_margin_m
+        return -self.mouth_ahead_m - across_m - self.exit_margin_m
+
+    @property
+    def exit_margin_m(self) -> float:
+        """Distance behind the counted junction at which it has been left.
+
+        Behind the mission's last one, where the robot stops, it is twice what it is elsewhere:
+        nothing is lost by stopping late, and the far side may be farther away than is known.
+        """
+        return (2 if self._progress.at_last_junction else 1) * self._config.exit_margin_m
 
     def _far_ends_m(self) -> Iterator[float]:
         """Yield where the counted junction ends on its far side, by each edge that begins there."""

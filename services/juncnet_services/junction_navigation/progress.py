@@ -156,6 +156,12 @@ class Progress(BaseModel):
         return self.mission.turn_at(max(self.count, 1))
 
     @property
+    def at_last_junction(self) -> bool:
+        """Whether the mission is finished once the junction that was counted last is left."""
+        last = self.mission.finish_after
+        return last is not None and self.count >= last
+
+    @property
     def heading_rad(self) -> float:
         """Direction of the road that the robot is on; its own as long as that is not known."""
         return self.yaw_rad if self.axis_rad is None else self.axis_rad
