@@ -137,7 +137,8 @@ class Navigator:
         header = road.header
         at_m, yaw = self._odometry.at(self._inputs.captured_ns(header, now))
         if road.road is not None and self.progress.turn is None:
-            self._sightings.see(road.road, at_m, self._inputs.road_trust >= 1)
+            aside_rad = yaw - self.progress.heading_rad
+            self._sightings.see(road.road, at_m, self._inputs.road_trust >= 1, aside_rad)
         if self.progress.turn is not None:
             turn, least = self.progress.turn, self.config.sight_confidence
             middle, within = turning.search_arc(turn.turn, turn.aligning_s, self.config.turn)

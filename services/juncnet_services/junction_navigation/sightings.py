@@ -30,6 +30,8 @@ SAME_M = 5.0
 SCORED_BAND = 0.8
 """Part of d_far from which on the score of a junction is surely high."""
 FORGET_M = 3.0
+ASIDE_RAD = math.radians(3)
+"""A robot that looks farther aside than this sees other surface end before it than its road's."""
 
 
 class Sightings:
@@ -39,15 +41,18 @@ class Sightings:
         self._band, self._progress = camera.band, progress
         self._sure_m = SURE_HEIGHTS * camera.height_m
 
-    def see(self, road: RoadSeen, at_m: float, trusted: bool = True) -> None:
+    def see(
+        self, road: RoadSeen, at_m: float, trusted: bool = True, aside_rad: float = 0.0
+    ) -> None:
         """Take what a picture from the odometer reading `at_m` shows of other roads.
 
         `trusted`: whether the road is surely the robot's own. An edge of one that bends into a side
-        arm says nothing against the opening there.
+        arm says nothing against the opening there. `aside_rad`: from the way that the robot holds
+        to where it looked.
         """
         state = self._progress
         if state.phase is Phase.CROSSING and state.junction:
-            _see_far_side(state.junction, road, at_m)
+            _see_far_side(state.junction, road, at_m, abs(aside_rad) <= ASIDE_RAD)
         seen = {opening.side: opening for opening in road.openings}
         for sighting in self._all():
             opening = seen.get(sighting.side)
@@ -186,9 +191,12 @@ def _joined(sighting: Sighting, opening: RoadOpening, at_m: float) -> bool:
     return True
 
 
-def _see_far_side(junction: Junction, road: RoadSeen, at_m: float) -> None:
-    """Let a picture from a junction's surface say where that, and the robot's road, end."""
-    if road.ends_m is not None:
+def _see_far_side(junction: Junction, road: RoadSeen, at_m: float, ahead: bool) -> None:
+    """Let a picture from a junction's surface say where that, and the robot's road, end.
+
+    `ahead`: whether it shows what lies ahead on the robot's way.
+    """
+    if ahead and road.ends_m is not None:
         junction.end_m, junction.end_weight = _averaged(
             junction.end_m, junction.end_weight, road.ends_m, at_m
         )
