@@ -211,6 +211,17 @@ def test_no_turn_begins_behind_the_end_of_the_road() -> None:
     assert expected_m < before_m - state.odometer_m
 
 
+@pytest.mark.parametrize(("aside_rad", "known"), [(0.03, True), (-0.03, True), (-0.08, False)])
+def test_an_end_seen_while_looking_aside_is_none_of_the_robots_road(
+    aside_rad: float, known: bool
+) -> None:
+    state = progress()
+    state.count, state.junction, state.phase = 1, Junction(rise_m=0.0), Phase.CROSSING
+    for _ in range(40):
+        Sightings(CAMERA, state).see(road(ends_m=9.0), 0.0, aside_rad=aside_rad)
+    assert math.isfinite(plan(state).end_ahead_m) is known
+
+
 @pytest.mark.parametrize(
     ("far_m", "exit_m"),
     [(None, 22.0), (20.0, 22.0), (25.0, 27.0), (30.0, 22.0)],

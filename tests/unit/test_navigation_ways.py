@@ -122,14 +122,26 @@ def test_the_way_on_bends_where_the_surface_ends_ahead(
     assert (wanted.yaw_rate_radps == pytest.approx(0.0)) is not turned
 
 
-@pytest.mark.parametrize(("leads_deg", "taken"), [(-10.0, True), (-29.0, False)])
-def test_a_road_ahead_that_leads_aside_is_an_arm(leads_deg: float, taken: bool) -> None:
+@pytest.mark.parametrize(
+    ("towards_deg", "leads_deg", "ends_m", "taken"),
+    [
+        (-15.0, -10.0, None, True),
+        (-15.0, -29.0, None, False),
+        (-29.0, -10.0, None, False),
+        (-29.0, -10.0, 25.0, True),
+    ],
+)
+def test_a_road_that_lies_or_leads_aside_is_an_arm(
+    towards_deg: float, leads_deg: float, ends_m: float | None, taken: bool
+) -> None:
     """Of two arms left and right of straight on, the line bends towards one; both are near."""
     state = crossing()
     state.odometer_m += 4.0
+    if state.junction is not None and ends_m is not None:
+        state.junction.end_m, state.junction.end_weight = state.odometer_m + ends_m, 40.0
     flown = navigator(state)
     for number in range(1, 8):
-        seen = road(number, math.radians(-15.0), confidence=0.8)
+        seen = road(number, math.radians(towards_deg), confidence=0.8)
         assert seen.road is not None
         leads = seen.road.model_copy(update={"heading_rad": math.radians(leads_deg)})
         step(flown, number, seen.model_copy(update={"road": leads}))
