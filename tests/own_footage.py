@@ -22,7 +22,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict
 
 from juncnet.messages import EventKind
-from juncnet_services.cli.closed_loop import ClosedLoop
+from juncnet_services.cli.closed_loop import SMALL, ClosedLoop
 from juncnet_services.cli.demo import prepare
 from juncnet_services.cli.provenance import provenance
 
@@ -156,7 +156,7 @@ def fly(model: Path) -> dict[str, Any]:
     `names` has [label of the event, true junction, whether a class is named for it] of every
     junction passed, for a model that tells junctions apart.
     """
-    settings = (f'simulator.palette="{PALETTE}"', f'junction_inference.model="{model}"')
+    settings = (*SMALL, f'simulator.palette="{PALETTE}"', f'junction_inference.model="{model}"')
     loop = ClosedLoop(prepare("copter", None, SEED, None, settings))
     summary = loop.fly()
     classes = set(loop.model.metadata.classes)

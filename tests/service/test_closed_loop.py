@@ -1,11 +1,13 @@
 """Whole flights in simulated time: the shipped model and follower, through the cores of all."""
 
+import random
+
 import cv2
 import pytest
 
 from juncnet.camera import CameraGeometry
-from juncnet.messages import Mission, Turn
-from juncnet_services.cli.closed_loop import ClosedLoop
+from juncnet.messages import Mission, Turn, Velocity
+from juncnet_services.cli.closed_loop import LATE, ClosedLoop
 from juncnet_services.cli.demo import prepare
 from juncnet_services.cli.judge import Summary
 
@@ -13,13 +15,13 @@ SEED = 16
 MISSION = Mission(
     name="short", turns=(Turn(at=1, turn="right"), Turn(at=2, turn="left")), finish_after=3
 )
-SIZE = 320, 180
+SIZE = ("simulator.width=320", "simulator.height=180")
 
 
 def fly(vehicle: str, seed: int, *settings: str, mission: Mission | None = None) -> Summary:
     """Return the summary of one flight, and fail when anything was refused in it."""
     cv2.setNumThreads(1)  # as in the services
-    loop = ClosedLoop(prepare(vehicle, None, seed, mission, settings), *SIZE)
+    loop = ClosedLoop(prepare(vehicle, None, seed, mission, (*SIZE, *settings)))
     summary = loop.fly()
     assert loop.trace.errors == []
     return summary
@@ -29,6 +31,16 @@ def test_flown_right() -> None:
     summary = fly("copter", SEED, mission=MISSION)
     assert summary.flown_right, summary
     assert summary.junctions_counted == summary.junctions_true == 3
+
+
+def test_commands_come_late_as_drawn_and_in_order() -> None:
+    setup = prepare("copter", None, SEED, MISSION, SIZE)
+    loop = ClosedLoop(setup, lateness=random.Random(1))
+    sent = [0.001 * number for number in range(1, 400)]
+    came = [loop.command_at_vehicle(Velocity(forward_mps=mps)).forward_mps for mps in sent]
+    assert came == sorted(came)
+    late = [round((mps - vehicle) / 0.001) for mps, vehicle in zip(sent, came, strict=True)]
+    assert set(late) == set(range(len(LATE)))
 
 
 def at_height(height_m: float) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from juncnet.frames import Frame
 from juncnet.layout import LayoutError
 from juncnet.messages import RoadCommand, VehicleState
-from juncnet_services.cli.closed_loop import ClosedLoop
+from juncnet_services.cli.closed_loop import SMALL, ClosedLoop
 from juncnet_services.cli.demo import LAYOUTS, prepare
 from juncnet_services.cli.flights import seeds_of
 from juncnet_services.road_following.follower import FollowerError
@@ -65,8 +65,8 @@ def fly(follower: str, seed: int, vehicle: str, settings: Sequence[str]) -> Scor
     Raises:
         FollowerError: the follower cannot be loaded.
     """
-    setup = prepare(vehicle, None, seed, None, (f"road_following.follower={follower}", *settings))
-    loop = ClosedLoop(setup)
+    settings = (*SMALL, f"road_following.follower={follower}", *settings)
+    loop = ClosedLoop(prepare(vehicle, None, seed, None, settings))
     timed = _Timed(loop)
     summary = loop.fly()
     p50, p99 = np.percentile(timed.times_ms, (50, 99))

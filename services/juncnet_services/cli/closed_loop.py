@@ -1,9 +1,12 @@
 """A whole flight in simulated time and one process: the cores of all services, the simulation.
 
-It is faster than real time and deterministic, so tests, tuning and `juncnet check-follower` use it;
-what only processes can show (latency, kills, late messages) is shown by the flights over Zenoh.
+It is deterministic, and with small pictures faster than real time, so tests, tuning and `juncnet
+check-follower` use it; what only processes can show (kills, lost messages, a busy machine) is shown
+by the flights over Zenoh.
 """
 
+import random
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,8 +55,11 @@ from juncnet_services.simulator.setup import (
 from juncnet_services.simulator.setup import make_camera, make_vehicle, make_world, starting_motion
 
 CLOCK = "simulated"
-LATENCY_FRAMES = 1
-"""Pictures by which a command follows its picture, 40 ms: twice what the pipeline takes."""
+SMALL = ("simulator.width=640", "simulator.height=360")
+"""Settings for pictures that are rendered fast."""
+LATE = (0.1, 0.75, 0.1, 0.05)
+"""How often a command follows its picture by 0, 1, 2 or 3 pictures (of 40 ms), where that is drawn;
+elsewhere it is 1, about what the pipeline takes."""
 
 
 @dataclass
@@ -69,21 +75,22 @@ class Trace:
 
 
 class ClosedLoop:
-    """A flight of `setup` with a camera of `width` x `height`."""
+    """A flight of `setup`."""
 
     def __init__(
         self,
         setup: Setup,
-        width: int = 640,
-        height: int = 360,
         fps: float = 25.0,
         oracle: bool = False,
+        lateness: random.Random | None = None,
     ):
-        """`oracle`: scores come from the truth, to see what the rest does by itself."""
+        """`oracle`: scores come from the truth, to see what the rest does by itself.
+
+        `lateness`: draws how late every command is; None: all are equally late.
+        """
         mission = f"junction_navigation.mission={mission_toml(setup.route.mission)}"
         path = asset_path(setup.layout, "layouts", ".toml")
-        size = (f"simulator.width={width}", f"simulator.height={height}")
-        layout = load_layout(path, (mission, *size, *setup.settings))
+        layout = load_layout(path, (mission, *setup.settings))
         simulator = layout.section("simulator", SimulatorConfig)
         following = layout.section("road_following", FollowingConfig)
         navigation = layout.section("junction_navigation", NavigationConfig)
@@ -91,6 +98,7 @@ class ClosedLoop:
         inference = layout.section("junction_inference", InferenceConfig)
         self.setup, self.step_ns = setup, round(NS_PER_S / fps)
         self.world, camera = make_world(simulator), make_camera(simulator)
+        width, height = simulator.width, simulator.height
         self.renderer = Renderer(self.world, width, height, camera, simulator.noise, simulator.seed)
         self.layout = FrameLayout.packed(PixelFormat.I420, width, height)
         self.vehicle = make_vehicle(simulator)
@@ -114,7 +122,8 @@ class ClosedLoop:
         self.limiter = Limiter(output.limits, self.capabilities)
         self.judge = Judge(setup.plan, setup.world.name, setup.vehicle)
         self.now_ns, self.sequence = NS_PER_S, 0
-        self.pending: list[Velocity] = [Velocity()] * LATENCY_FRAMES
+        self.lateness, self._late = lateness, 1
+        self._commands = deque([Velocity()] * len(LATE), maxlen=len(LATE))
 
     def _stamp(self) -> Stamp:
         return Stamp(epoch=1, sequence=self.sequence, time_ns=self.now_ns, clock=CLOCK)
@@ -162,8 +171,7 @@ class ClosedLoop:
             self.trace.events.append(event)
             self.runner.heard(event)
         self.trace.errors += decision.refused
-        self.pending.append(decision.velocity or Velocity())
-        wanted = self.pending.pop(0)
+        wanted = self.command_at_vehicle(decision.velocity or Velocity())
         truth = self.observer.truth(m, header, header, self.now_ns / 1e9 - 1, 1.0)
         self.judge.truth(truth)
         self.judge.score(score)
@@ -180,6 +188,14 @@ class ClosedLoop:
                 self.motion, setpoint, self.step_ns / NS_PER_S / 4, brake=brake
             )
         self.now_ns += self.step_ns
+
+    def command_at_vehicle(self, newest: Velocity) -> Velocity:
+        """Send a command, and return the one that the vehicle has by now: never an older one."""
+        self._commands.append(newest)
+        if self.lateness is not None:
+            drawn = self.lateness.choices(range(len(LATE)), LATE)[0]
+            self._late = min(drawn, self._late + 1)
+        return self._commands[-1 - self._late]
 
     def fly(self, patience: float = 2.0, after_s: float = 1.0) -> Summary:
         """Fly to the end of the mission, or until `patience` times the ideal time is over."""

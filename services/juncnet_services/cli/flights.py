@@ -5,14 +5,16 @@ choose worlds that suit the program: the i-th seed (from 0) is 10000 + (the firs
 sha256("HASH:i"), big-endian, modulo 990000), repeats left out.
 
 A void flight (the machine was too slow for the simulation) is flown again, at most twice. With
-`--simulated` the cores of all services fly in one process in simulated time: never void, whatever
-else the machine does, and without what only processes show (latency, late messages). Exits 0 when
-all were flown right, 1 when not, 2 for bad arguments.
+`--simulated` the cores of all services fly in one process in simulated time, every command 0 to
+120 ms late as drawn: never void, whatever else the machine does, and without what only processes
+show (lost messages, a busy machine). Exits 0 when all were flown right, 1 when not, 2 for bad
+arguments.
 """
 
 import argparse
 import hashlib
 import json
+import random
 import re
 import sys
 from collections.abc import Sequence
@@ -126,7 +128,8 @@ def fly_simulated(vehicle: str, seed: int, settings: Sequence[str]) -> Flown:
     from juncnet_services.cli.closed_loop import ClosedLoop
 
     cv2.setNumThreads(1)  # as in the services
-    loop = ClosedLoop(prepare(vehicle, None, seed, None, settings))
+    setup = prepare(vehicle, None, seed, None, settings)
+    loop = ClosedLoop(setup, lateness=random.Random(seed))
     summary = loop.fly()
     if loop.trace.errors:
         raise RuntimeError(f"seed {seed}: {loop.trace.errors[0]}")
