@@ -1,6 +1,7 @@
 """Which worlds are flown, and how a report is kept and gone on with."""
 
 import hashlib
+import random
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -81,7 +82,8 @@ def test_a_report_is_gone_on_with(
 class Loop:
     """Stands for a flight in simulated time; that of world 9 goes wrong."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: Setup, lateness: random.Random) -> None:
+        assert lateness.random() == random.Random(setup.world.seed).random()
         self.trace = SimpleNamespace(
             errors=[] if setup.world.seed != 9 else ["the follower failed"]
         )

@@ -60,7 +60,7 @@ def approach() -> list[Any]:
 
 
 def test_a_junction_is_crossed_and_the_mission_finished(tmp_path: Path) -> None:
-    bus = FakeBus([*approach(), *drive(125, 300, 0.05)], directory=tmp_path)
+    bus = FakeBus([*approach(), *drive(125, 360, 0.05)], directory=tmp_path)
     run(bus, CONFIG)
     kinds = [event.kind for event in bus.published[topics.JUNCTION_EVENT.key]]
     assert kinds == [
@@ -80,7 +80,7 @@ def test_a_junction_is_crossed_and_the_mission_finished(tmp_path: Path) -> None:
 def test_a_restart_counts_the_junction_ahead_once(tmp_path: Path) -> None:
     first = FakeBus(approach(), directory=tmp_path)
     run(first, CONFIG)
-    second = FakeBus([*drive(200, 210, 0.95), *drive(210, 400, 0.05)], directory=tmp_path)
+    second = FakeBus([*drive(200, 210, 0.95), *drive(210, 460, 0.05)], directory=tmp_path)
     second.clock.ns = first.clock.ns
     run(second, CONFIG)
     events = [
