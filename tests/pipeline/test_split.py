@@ -91,19 +91,19 @@ class CameraOnTheNetwork:
         context.framerate, context.time_base = Fraction(25), Fraction(1, 25)
         context.gop_size, context.thread_count = 10_000, 1
         context.options = {"preset": "ultrafast", "tune": "zerolatency", "forced-idr": "1"}
-        rng, sequence, number = np.random.default_rng(1), 0, 0
+        rng, sequence = np.random.default_rng(1), 0
         while not self._ended.wait(0.04):
             pixels = rng.integers(0, 255, (HEIGHT * 3 // 2, WIDTH), np.uint8)
             frame = av.VideoFrame.from_ndarray(pixels, format="yuv420p")
-            frame.pts = number
+            frame.pts = self.sent
             if self._was_asked():
                 frame.pict_type = PictureType.I
             packets: list[Any] = context.encode(frame)  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
             nals = [nal for packet in packets for nal in split_annex_b(bytes(packet))]
-            for datagram in packetise(nals, sequence, 3600 * number, 7):
+            for datagram in packetise(nals, sequence, 3600 * self.sent, 7):
                 self._socket.sendto(datagram, self._where)
                 sequence = (sequence + 1) % 0x10000
-            self.sent = number = number + 1
+            self.sent += 1
 
     def _was_asked(self) -> bool:
         try:

@@ -122,7 +122,7 @@ class ClosedLoop:
         self.limiter = Limiter(output.limits, self.capabilities)
         self.judge = Judge(setup.plan, setup.world.name, setup.vehicle)
         self.now_ns, self.sequence = NS_PER_S, 0
-        self.lateness, self._late = lateness, 1
+        self._lateness, self._late = lateness, 1
         self._commands = deque([Velocity()] * len(LATE), maxlen=len(LATE))
 
     def _stamp(self) -> Stamp:
@@ -192,8 +192,8 @@ class ClosedLoop:
     def command_at_vehicle(self, newest: Velocity) -> Velocity:
         """Send a command, and return the one that the vehicle has by now: never an older one."""
         self._commands.append(newest)
-        if self.lateness is not None:
-            drawn = self.lateness.choices(range(len(LATE)), LATE)[0]
+        if self._lateness is not None:
+            drawn = self._lateness.choices(range(len(LATE)), LATE)[0]
             self._late = min(drawn, self._late + 1)
         return self._commands[-1 - self._late]
 

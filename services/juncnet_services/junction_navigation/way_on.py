@@ -7,7 +7,7 @@ from juncnet_services.junction_navigation.inputs import Inputs
 from juncnet_services.junction_navigation.plan import JunctionPlan
 from juncnet_services.junction_navigation.progress import Progress
 
-AHEAD_RAD, LEADS_RAD = math.radians(20), math.radians(20)
+AHEAD_RAD = math.radians(20)
 """How far off its heading a robot that crosses a junction may first see the way on, and how far off
 that the way may lead there: what leads farther aside is bent towards another arm."""
 FARTHEST_RAD = math.radians(35)
@@ -41,7 +41,7 @@ def sees_way_on(
     ends_m = inputs.road_ends_m
     only = ends_m is not None and ends_m <= config.crossing_width_m
     leads_rad = state.yaw_rad + inputs.road_heading_rad
-    leads_on = abs(leads_rad - state.heading_rad) <= LEADS_RAD
+    leads_on = abs(leads_rad - state.heading_rad) <= AHEAD_RAD
     farthest_rad = AHEAD_RAD if math.isinf(plan.end_ahead_m) else FARTHEST_RAD
     ahead = leads_on and abs(towards_rad - state.heading_rad) <= farthest_rad
     junction.way_seen = junction.way_seen or (inputs.road_certain and (ahead or only))
