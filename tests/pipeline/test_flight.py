@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from flights import ATTEMPTS, Flying, limit_s
+from flights import ATTEMPTS, Flying, limit_s, was_stalled
 from juncnet.messages import EventKind, JunctionEvent, JunctionScore, Mission, ModelIdentity, Turn
 from juncnet.topics import JUNCTION_EVENT, JUNCTION_SCORE, MODEL_ACTIVE
 from juncnet_services.cli.demo import prepare
@@ -57,10 +57,11 @@ def _check_events(events: list[JunctionEvent]) -> None:
 def test_a_mission_with_a_left_a_right_a_straight_and_a_skipped_junction(folder: Path) -> None:
     summary, events = fly()
     for _ in range(ATTEMPTS - 1):
-        if summary.verdict == "void":
+        if was_stalled(summary):
             summary, events = fly()
-    if summary.verdict == "void":
-        pytest.skip(f"machine too slow: real-time factor {summary.real_time_factor:.2f}")
+    if was_stalled(summary):
+        factor = summary.real_time_factor_lowest
+        pytest.skip(f"machine too slow: real-time factor {factor:.2f} in the worst second")
     assert summary.flown_right, summary
     assert summary.junctions_counted == summary.junctions_true == 4
     assert summary.turns_taken == summary.turns_planned == 4

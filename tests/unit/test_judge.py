@@ -100,9 +100,20 @@ def test_a_slow_flight_fails() -> None:
 
 
 def test_a_slow_simulation_voids_the_flight() -> None:
-    summary = fly(real_time_factor=0.9)
+    judge = Judge(Plan((1,), ideal_s=45.0), "world", "copter")
+    for second in range(50):
+        judge.truth(truth(second, path=(1,), real_time_factor=0.94))
+    summary = judge.summary()
     assert summary.verdict == "void"
     assert not summary.flown_right
+    assert summary.real_time_factor == pytest.approx(0.94)
+
+
+def test_a_slow_second_is_told_and_voids_nothing() -> None:
+    summary = fly(real_time_factor=0.5)
+    assert summary.verdict == "flown_right"
+    assert summary.real_time_factor == pytest.approx(0.99)
+    assert summary.real_time_factor_lowest == 0.5
 
 
 def test_nothing_seen_is_not_flown_right() -> None:

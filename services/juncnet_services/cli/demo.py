@@ -232,7 +232,11 @@ def summary_text(summary: Summary) -> str:
         ("collisions", str(s.collisions)),
         ("time", f"{s.time_s:.1f} s (ideal {s.ideal_time_s:.1f} s)"),
         ("rate", f"{s.fps:.1f} FPS; picture to command {p50} ms p50, {p99} ms p99"),
-        ("simulation", f"real-time factor {s.real_time_factor:.2f} at the lowest"),
+        (
+            "simulation",
+            f"real-time factor {s.real_time_factor:.2f}, "
+            f"{s.real_time_factor_lowest:.2f} in the worst second",
+        ),
     )
     lines = [f"  {name:<12} {text}" for name, text in rows]
     verdict = {"flown_right": "FLOWN RIGHT", "failed": "NOT FLOWN RIGHT", "void": "VOID"}

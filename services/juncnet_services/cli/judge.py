@@ -62,7 +62,9 @@ class Figures(BaseModel):
     """From a picture's capture to the command that follows from it."""
     latency_p99_ms: float | None
     real_time_factor: float
-    """The lowest of any second of the flight."""
+    """Of the flight: simulated time per wall time, or pictures taken per pictures due if lower."""
+    real_time_factor_lowest: float
+    """The same of its worst second."""
 
     def faults(self) -> tuple[str, ...]:
         """Return what was not flown right; empty when all was."""
@@ -109,7 +111,7 @@ class Summary(Figures):
     """The figures and what they amount to."""
 
     verdict: Literal["flown_right", "failed", "void"]
-    """`void`: the simulation itself was too slow (real-time factor under 0.95)."""
+    """`void`: the simulation itself was too slow (the flight's real-time factor is under 0.95)."""
     flown_right: bool
     reasons: tuple[str, ...]
     """Why not."""
@@ -186,7 +188,7 @@ class Judge:
         truths = self._truths
         off = np.array([t.off_road_m for t in truths] or [0.0])
         offsets = np.array([t.road_offset_m for t in truths if t.junction_id is None] or [0.0])
-        latency = self._latencies_ms
+        latency, factors = self._latencies_ms, [t.real_time_factor for t in truths] or [0.0]
         figures = Figures(
             world=self.world,
             vehicle=self.vehicle,
@@ -204,7 +206,8 @@ class Judge:
             fps=self._fps(),
             latency_p50_ms=float(np.percentile(latency, 50)) if latency else None,
             latency_p99_ms=float(np.percentile(latency, 99)) if latency else None,
-            real_time_factor=min((t.real_time_factor for t in truths), default=0.0),
+            real_time_factor=float(np.mean(factors)),
+            real_time_factor_lowest=min(factors),
         )
         reasons = figures.faults()
         verdict = "failed" if reasons else "flown_right"
