@@ -29,7 +29,7 @@ from juncnet_services.junction_navigation.config import (
 )
 from juncnet_services.junction_navigation.detector import JunctionDetector
 from juncnet_services.junction_navigation.navigator import Navigator
-from juncnet_services.junction_navigation.progress import Junction, Progress, TurnProgress
+from juncnet_services.junction_navigation.progress import Junction, Place, Progress, TurnProgress
 from juncnet_services.junction_navigation.store import Resumed
 
 BAND = CameraGeometry().band
@@ -138,7 +138,7 @@ def test_a_road_that_lies_or_leads_aside_is_an_arm(
     state = crossing()
     state.odometer_m += 4.0
     if state.junction is not None and ends_m is not None:
-        state.junction.end_m, state.junction.end_weight = state.odometer_m + ends_m, 40.0
+        state.junction.end = Place(at_m=state.odometer_m + ends_m, weight=40.0)
     flown = navigator(state)
     for number in range(1, 8):
         seen = road(number, math.radians(towards_deg), confidence=0.8)

@@ -16,8 +16,6 @@ from juncnet_services.junction_navigation.speed import braking_mps
 
 NARROWEST_M, WIDEST_M = 3.0, 12.0
 SHORTEST_OPENING_M, LONGEST_OPENING_M = 2.5, 15.0
-SURE_END = 4.0
-"""Weight (inverse variance, 1/m^2) from which on the end of the robot's road is believed."""
 END_BEYOND_M = 2.0
 """Distance behind a junction's far side up to which the surface's end is the junction's."""
 BESIDE_M = 1.2
@@ -122,9 +120,9 @@ class JunctionPlan:
     def end_ahead_m(self) -> float:
         """Distance to where the robot's road ends beyond the junction; infinite: not known to."""
         junction = self._progress.junction
-        if junction is None or junction.end_m is None or junction.end_weight < SURE_END:
+        if junction is None or not junction.end.sure:
             return math.inf
-        return junction.end_m - self._progress.odometer_m
+        return junction.end.at_m - self._progress.odometer_m
 
     @property
     def ends_here(self) -> bool:
@@ -160,8 +158,8 @@ class JunctionPlan:
         for opening in junction.sightings:
             if opening.far_m is not None and _half_length_m(opening) is not None:
                 yield opening.far_m + MOUTH_BEFORE_M
-        if junction.far_m is not None and junction.far_weight >= SURE_END:
-            end_m = junction.far_m + MOUTH_BEFORE_M
+        if junction.far.sure:
+            end_m = junction.far.at_m + MOUTH_BEFORE_M
             if end_m - self._progress.odometer_m - self.mouth_ahead_m <= LONGEST_OPENING_M:
                 yield end_m
 

@@ -6,6 +6,25 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.messages import JunctionEvent, Mission, Name, Phase, Turn
 
+SURE = 4.0
+"""Weight from which on a place is believed."""
+
+
+class Place(BaseModel):
+    """A place along the robot's way that several pictures show."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    at_m: float = 0.0
+    """Odometer reading there."""
+    weight: float = Field(default=0.0, ge=0)
+    """Sum of the pictures' inverse variances (1/m^2); 0: not seen yet."""
+
+    @property
+    def sure(self) -> bool:
+        """Whether enough pictures agree on it."""
+        return self.weight >= SURE
+
 
 class Sighting(BaseModel):
     """An opening in the road's edge, seen in several pictures. Distances are odometer readings."""
@@ -67,14 +86,10 @@ class Junction(BaseModel):
     """Highest smoothed probability so far."""
     sightings: list[Sighting] = Field(default_factory=list[Sighting])
     """Its openings, at most one of either side."""
-    end_m: float | None = None
-    """Where the robot's road ends beyond it, as at a T, once that was seen."""
-    end_weight: float = Field(default=0.0, ge=0)
-    """Of `end_m`: the sum of the pictures' inverse variances."""
-    far_m: float | None = None
+    end: Place = Field(default_factory=Place)
+    """Where the robot's road ends beyond it, as at a T."""
+    far: Place = Field(default_factory=Place)
     """Where an edge of the robot's road begins anew beyond it, seen while crossing it."""
-    far_weight: float = Field(default=0.0, ge=0)
-    """Of `far_m`."""
     axis_rad: float | None = None
     """Direction of the road by which the robot entered it; None: it has not."""
     way_seen: bool = False

@@ -11,7 +11,7 @@ from juncnet_services.junction_navigation.place import (
     mouth_m,
     sighted_mouth_m,
 )
-from juncnet_services.junction_navigation.progress import Junction, Progress, Sighting
+from juncnet_services.junction_navigation.progress import Junction, Place, Progress, Sighting
 
 SIGMA = (0.4, 0.1)
 """Noise of a distance: constant, metres, and as a part of it."""
@@ -197,29 +197,24 @@ def _see_far_side(junction: Junction, road: RoadSeen, at_m: float, ahead: bool) 
     `ahead`: whether it shows what lies ahead on the robot's way.
     """
     if ahead and road.ends_m is not None:
-        junction.end_m, junction.end_weight = _averaged(
-            junction.end_m, junction.end_weight, road.ends_m, at_m
-        )
+        _see_place(junction.end, road.ends_m, at_m)
     far_m = [o.far_m for o in road.openings if o.near_m is None and o.far_m is not None]
     if far_m:
-        junction.far_m, junction.far_weight = _averaged(
-            junction.far_m, junction.far_weight, max(far_m), at_m
-        )
+        _see_place(junction.far, max(far_m), at_m)
 
 
-def _averaged(
-    known_m: float | None, weight: float, seen_m: float, at_m: float
-) -> tuple[float, float]:
-    """Return a place and its weight after a picture from `at_m` that shows it `seen_m` ahead.
+def _see_place(place: Place, ahead_m: float, at_m: float) -> None:
+    """Take a picture from `at_m` that shows a place `ahead_m` ahead.
 
     Pictures that disagree begin anew: what moves along with the robot is no place.
     """
-    sigma_m, place_m = _sigma_m(seen_m), at_m + seen_m
-    if known_m is None or abs(place_m - known_m) > GATE * sigma_m:
-        known_m, weight = place_m, 0.0
+    sigma_m, difference_m = _sigma_m(ahead_m), at_m + ahead_m - place.at_m
+    if place.weight == 0 or abs(difference_m) > GATE * sigma_m:
+        place.at_m, place.weight = at_m + ahead_m, 0.0
+        difference_m = 0.0
     own = 1 / sigma_m**2
-    weight = min(weight + own, HEAVIEST)
-    return known_m + own / weight * (place_m - known_m), weight
+    place.weight = min(place.weight + own, HEAVIEST)
+    place.at_m += own / place.weight * difference_m
 
 
 def _nearest_end_m(opening: RoadOpening) -> float:
