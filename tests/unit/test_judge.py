@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from juncnet.messages import EventKind, JunctionEvent, Pose, SimulatorTruth, Velocity
+from juncnet_services.cli.demo import summary_text
 from juncnet_services.cli.judge import Judge, Plan, Summary
 from scenes import score, stamp
 
@@ -107,6 +108,7 @@ def test_a_slow_simulation_voids_the_flight() -> None:
     assert summary.verdict == "void"
     assert not summary.flown_right
     assert summary.real_time_factor == pytest.approx(0.94)
+    assert "--set simulator.width" in summary_text(summary)
 
 
 def test_a_slow_second_is_told_and_voids_nothing() -> None:

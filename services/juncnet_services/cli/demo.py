@@ -55,6 +55,10 @@ PATIENCE = 2.0
 AFTER_FINISH_S = 1.0
 DASHBOARD, RECORDER = "dashboard", "recorder"
 EXIT_CODES = {"flown_right": 0, "failed": 1, "void": 3}
+VOID_REMEDY = (
+    "this machine was too slow, or too busy, to simulate: end what else runs, or let the camera "
+    "be smaller: --set simulator.width=1280 --set simulator.height=720"
+)
 
 
 @dataclass(frozen=True)
@@ -239,6 +243,8 @@ def summary_text(summary: Summary) -> str:
         ),
     )
     lines = [f"  {name:<12} {text}" for name, text in rows]
+    if s.verdict == "void":
+        lines.append(f"  {'remedy':<12} {VOID_REMEDY}")
     verdict = {"flown_right": "FLOWN RIGHT", "failed": "NOT FLOWN RIGHT", "void": "VOID"}
     reasons = f": {'; '.join(s.reasons)}" if s.reasons else ""
     return "\n".join([f"{verdict[s.verdict]}: {s.world}, {s.vehicle}{reasons}", *lines])
