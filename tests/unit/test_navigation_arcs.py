@@ -109,6 +109,21 @@ def test_the_last_chance_comes_before_the_arm_is_missed_and_not_long_before() ->
     assert not arcs(None).last_chance(1.6, 0.1, RADIUS_M)
 
 
+def test_a_vehicle_is_off_the_road_where_no_arc_leads_back_onto_it() -> None:
+    assert not arcs(None).off_road
+    for seen, off_road in (
+        (surface(lambda x, y: abs(y) <= 3), False),
+        (surface(lambda x, y: x < 0), True),
+        (surface(lambda x, y: x > 1.5), False),
+        (surface(lambda x, y: x > 2.5), True),
+        (surface(lambda x, y: y > 0.5), False),
+        (surface(lambda x, y: y > 1.2), True),
+    ):
+        assert arcs(seen).off_road is off_road
+    unseen = RoadSurface(x_m=-1, y_m=7, cell_m=CELL_M, rows=(" " * 57,) * 37)
+    assert not arcs(unseen).off_road
+
+
 def helm(seen: RoadSurface, turns_in_place: bool = False) -> tuple[Helm, Progress]:
     """The helm of a robot on the x axis that is to turn left at the counted junction."""
     config, mission = NavigatorConfig(), Mission(turns=(Turn(at=1, turn="left"),), finish_after=5)

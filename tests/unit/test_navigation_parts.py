@@ -31,7 +31,7 @@ from juncnet_services.junction_navigation.detector import JunctionDetector
 from juncnet_services.junction_navigation.missions import load_mission
 from juncnet_services.junction_navigation.navigator import Navigator
 from juncnet_services.junction_navigation.place import mouth_m
-from juncnet_services.junction_navigation.progress import Junction, Progress
+from juncnet_services.junction_navigation.progress import Junction, Progress, TurnProgress
 from juncnet_services.junction_navigation.speed import braking_mps, feasible, scaled
 from juncnet_services.junction_navigation.store import FILE_NAME, Resumed, Store
 
@@ -191,6 +191,27 @@ def test_the_way_straight_on_is_no_turns_road() -> None:
     assert turning.search_arc(straight, 0.0, config) == (0.0, config.search_rad)
     assert turning.search_arc(right, 0.0, config) == (0.0, turning.NAMED_RAD)
     assert turning.search_arc(right, 13.0, config) == (0.0, config.search_rad), "in the end"
+
+
+@pytest.mark.parametrize(("angle_deg", "least_rad"), [(90.0, 0.5), (-90.0, 0.5), (40.0, 0.349)])
+def test_an_arc_that_was_held_back_leads_less_aside_but_not_straight_on(
+    angle_deg: float, least_rad: float
+) -> None:
+    config, turn = TurnConfig(), Turn(at=1, angle_deg=angle_deg)
+    outwards = math.copysign(1.0, angle_deg)
+    _, near = turning.search_arc(turn, 0.0, config)
+    middle, within = turning.search_arc(turn, 0.0, config, held_back=True)
+    nominal = math.radians(angle_deg)
+    assert (nominal + middle) * outwards - within == pytest.approx(least_rad, abs=1e-3)
+    assert middle * outwards + within == pytest.approx(near)
+
+
+def test_an_arc_is_held_back_once_it_is_longer_than_its_angle_asks_for() -> None:
+    left = TurnProgress(turn=Turn(at=1, turn="left"), nominal_rad=0.0, radius_m=3.0, started_m=10.0)
+    arc_m = 3.0 * math.pi / 2
+    assert not turning.is_held_back(left, 10.0 + arc_m + 1.4)
+    assert turning.is_held_back(left, 10.0 + arc_m + 1.6)
+    assert not turning.is_held_back(left.model_copy(update={"radius_m": 0.0}), 100.0)
 
 
 @pytest.mark.parametrize("angle_deg", [-70.0, 70.0])

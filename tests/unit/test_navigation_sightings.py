@@ -74,6 +74,30 @@ def test_what_is_not_sure_is_no_junction(travelled_m: float, smoothed: float, ev
     assert sightings.next_junction() is None
 
 
+@pytest.mark.parametrize(
+    ("length_m", "rise_m", "fall_m", "counted"),
+    [
+        (5.0, 0.0, None, True),
+        (2.5, 0.0, None, False),
+        (5.0, 0.0, 1.0, False),
+        (5.0, -9.0, 2.0, False),
+    ],
+    ids=["both", "a path's opening", "a short rise", "of another place"],
+)
+def test_an_opening_and_a_risen_score_bear_each_other_out(
+    length_m: float, rise_m: float, fall_m: float | None, counted: bool
+) -> None:
+    """Neither would be believed alone: the mean score is low, and was never certain."""
+    state = progress()
+    opening_m = BAND.d_far_m + MOUTH_BEFORE_M
+    sightings = approach(state, opening_m, 8.0, smoothed=0.35)
+    (seen,) = state.sightings
+    seen.far_m = seen.near_m + length_m
+    assert sightings.next_junction() is None
+    state.candidate = Junction(rise_m=rise_m, fall_m=fall_m, probability=0.6)
+    assert (sightings.next_junction() is not None) is counted
+
+
 @pytest.mark.parametrize(("drift", "counted"), [(0.2, True), (0.8, False)])
 def test_what_goes_along_with_the_robot_is_no_opening(drift: float, counted: bool) -> None:
     """A bend's edge bends away at the same distance ahead, picture after picture."""

@@ -16,6 +16,7 @@ from juncnet.messages import (
     Pose,
     RoadCommand,
     RoadSeen,
+    RoadSurface,
     Stamp,
     Turn,
     VehicleState,
@@ -27,6 +28,7 @@ from juncnet_services.junction_navigation.config import (
     NavigatorConfig,
     TurnConfig,
 )
+from juncnet_services.junction_navigation.decision import Decision
 from juncnet_services.junction_navigation.detector import JunctionDetector
 from juncnet_services.junction_navigation.navigator import Navigator
 from juncnet_services.junction_navigation.progress import Junction, Place, Progress, TurnProgress
@@ -80,12 +82,15 @@ def navigator(state: Progress) -> Navigator:
     return Navigator(NavigatorConfig(), state.mission, "f", Resumed(state, ""))
 
 
-def step(flown: Navigator, number: int, seen: RoadCommand, yaw_rad: float = 0.0) -> Velocity:
-    header = stamp(number)
+def decide(flown: Navigator, seen: RoadCommand, state: VehicleState) -> Decision:
+    header = seen.header
     probabilities = {"none": 0.9, "junction": 0.1}
     scored = JunctionScore(header=header, model=MODEL, probabilities=probabilities)
-    now = Instant(header.time_ns, "c")
-    decision = flown.step(now, scored, seen, vehicle(number, yaw_rad=yaw_rad))
+    return flown.step(Instant(header.time_ns, "c"), scored, seen, state)
+
+
+def step(flown: Navigator, number: int, seen: RoadCommand, yaw_rad: float = 0.0) -> Velocity:
+    decision = decide(flown, seen, vehicle(number, yaw_rad=yaw_rad))
     assert decision.velocity is not None
     return decision.velocity
 
@@ -303,3 +308,51 @@ def test_a_follower_that_is_never_very_sure_steers_all_the_same() -> None:
     assert wanted.yaw_rate_radps == pytest.approx(0.02, abs=0.001)
     wanted = step(flown, 401, road(401, 0.0, confidence=0.31))
     assert wanted.yaw_rate_radps == pytest.approx(0.0, abs=0.001)
+
+
+CAR = Capabilities(turns_in_place=False, telemetry=True, minimum_radius_m=2.5)
+
+
+def turning_left(started_m: float) -> Progress:
+    """A car on an arc to the left that began at an odometer reading, relative to where it is."""
+    state = crossing(LEFT)
+    state.phase = Phase.TURNING
+    state.turn = TurnProgress(
+        turn=LEFT.turns[0],
+        nominal_rad=math.pi / 2,
+        radius_m=3.0,
+        started_m=state.odometer_m + started_m,
+    )
+    return state
+
+
+def car(number: int, yaw_rad: float = 0.0) -> VehicleState:
+    return vehicle(number, yaw_rad=yaw_rad).model_copy(update={"capabilities": CAR})
+
+
+@pytest.mark.parametrize(
+    ("started_m", "towards_rad", "taken"),
+    [
+        (-7.0, 0.6, True),
+        (-7.0, 0.2, False),
+        (-1.0, 0.6, False),
+    ],
+)
+def test_a_car_whose_arc_is_held_back_takes_the_road_that_leads_less_aside(
+    started_m: float, towards_rad: float, taken: bool
+) -> None:
+    """The surface keeps it on the road, whose follower is sure of it; it is no way straight on."""
+    flown = navigator(turning_left(started_m))
+    for number in range(1, 12):
+        yaw_rad = towards_rad if number > 1 else 0.0
+        decide(flown, road(number, 0.0, confidence=1.0), car(number, yaw_rad))
+    assert (flown.progress.phase is Phase.FOLLOWING) is taken
+
+
+def test_a_car_that_has_left_the_road_holds() -> None:
+    flown = navigator(turning_left(0.0))
+    bare = RoadSurface(x_m=-1, y_m=7, cell_m=0.25, rows=("." * 57,) * 37)
+    seen = road(1, 0.0, confidence=0.0).model_copy(update={"surface": bare})
+    decision = decide(flown, seen, car(1))
+    assert decision.velocity == Velocity()
+    assert "has left the road" in decision.state.reason

@@ -23,6 +23,8 @@ AGAINST_RAD = 0.5
 """What is left of a turn, from which on no arc is driven against it."""
 EVADED_M = 1.5
 """Length of an arc away from where the turn leads."""
+BACK_M = 2.0
+"""How far an arc back onto the road may be."""
 ANGLES = np.linspace(-1.0, 1.0, 5)
 """Angles that a turn may have, relative to how well its own is known."""
 
@@ -62,6 +64,18 @@ class Arcs:
         length_m = min(abs(turn_rad) * radius_m / WIDER + BEHIND_M, LONGEST_M)
         own_m, wider_m = self._clear_m(self.surface, pair, turn_rad, within_rad, length_m)
         return bool(own_m >= length_m > wider_m)
+
+    @property
+    def off_road(self) -> bool:
+        """Whether the vehicle is off the road and no arc leads back onto it soon."""
+        if self.surface is None:
+            return False
+        curvature = np.linspace(-self.tightest_1pm, self.tightest_1pm, CANDIDATES)[:, None]
+        along = np.arange(0.0, BACK_M + STEP_M / 2, STEP_M)
+        heading = curvature * along
+        x = along * np.sinc(heading / (2 * np.pi)) * np.cos(heading / 2)
+        y = along * np.sinc(heading / (2 * np.pi)) * np.sin(heading / 2)
+        return bool(self.surface.off_road(x, y).all())
 
     def _clear_m(
         self,

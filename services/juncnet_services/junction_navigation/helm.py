@@ -63,6 +63,11 @@ class Helm:
         return self._arcs.last_chance(turning.angle_rad(turn), within, radius_m)
 
     @property
+    def off_road(self) -> bool:
+        """Whether a vehicle that cannot turn in place has left the road and must not go on."""
+        return self._plan.radius_m > 0 and self._arcs.off_road
+
+    @property
     def _arcs(self) -> Arcs:
         tightest_m = self._plan.capabilities.minimum_radius_m or self._plan.radius_m
         return Arcs(self._inputs.surface, self._config.turn.half_width_m, 1 / tightest_m)

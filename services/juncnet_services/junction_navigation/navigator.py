@@ -15,6 +15,7 @@ from juncnet.messages import (
     Velocity,
 )
 from juncnet_services.junction_navigation import turning
+from juncnet_services.junction_navigation.axis import RoadAxis
 from juncnet_services.junction_navigation.config import NavigatorConfig
 from juncnet_services.junction_navigation.decision import Decision
 from juncnet_services.junction_navigation.detector import JunctionDetector
@@ -35,10 +36,6 @@ from juncnet_services.junction_navigation.store import FRESH, Resumed
 from juncnet_services.junction_navigation.way_on import nothing_ahead, sees_way_on
 
 STANDING_MPS = 0.35
-AXIS_S, AXIS_STEP_S = 0.4, 0.1
-WIDTH_WEIGHT = 0.2
-SIDE_ARM_RAD = 0.35
-"""A road that leads so far aside, before a junction, is a side arm of it."""
 
 
 class Navigator:
@@ -66,6 +63,7 @@ class Navigator:
         self._detector = JunctionDetector(config.detector, config.camera.band, self.progress)
         self._sightings = Sightings(config.camera, self.progress)
         self._plan = JunctionPlan(config, self.progress)
+        self._axis = RoadAxis(config, self.progress, self._plan, self._inputs)
         self._helm = Helm(config, self.progress, self._plan, self._inputs)
         self._sight = turning.RoadSight(config.turn)
         self._elapsed_s = 0.0
@@ -141,40 +139,16 @@ class Navigator:
             self._sightings.see(road.road, at_m, self._inputs.road_trust >= 1, aside_rad)
         if self.progress.turn is not None:
             turn, least = self.progress.turn, self.config.sight_confidence
-            middle, within = turning.search_arc(turn.turn, turn.aligning_s, self.config.turn)
+            middle, within = turning.search_arc(
+                turn.turn, turn.aligning_s, self.config.turn, turn.held_back
+            )
             self._sight.look(road, yaw, turn.nominal_rad + middle, within, least)
             return
         if self.progress.turned is not None:
             turned = self.progress.turned
             self._astray = turning.is_astray(road, at_m, yaw, turned, self.config.turn)
-        if self._steered and self._inputs.road_visible and previous is not None:
-            self._learn_axis(road, yaw, (header.time_ns - previous.header.time_ns) / 1e9)
-
-    @property
-    def _steered(self) -> bool:
-        """Whether the follower steers and no side arm misleads it."""
-        if self.progress.phase is Phase.APPROACHING:
-            config = self.config
-            least_m = config.axis_before_m if self._plan.straight else config.hold_before_m
-            return self._plan.mouth_ahead_m > least_m and not self._inputs.road_aside
-        return self.progress.phase is Phase.FOLLOWING
-
-    def _learn_axis(self, road: RoadCommand, yaw: float, elapsed_s: float) -> None:
-        """Take a view of the road into its mean direction; a pause makes no view weigh more.
-
-        One far off is of a side arm before a junction, elsewhere of another road.
-        """
-        direction = yaw + (road.road.heading_rad if road.road is not None else 0.0)
-        axis, approaching = self.progress.axis_rad, self.progress.phase is Phase.APPROACHING
-        if axis is None or abs(direction - axis) > (SIDE_ARM_RAD if approaching else math.pi / 4):
-            self.progress.axis_rad = axis if axis is not None and approaching else direction
-            return
-        weight = 1 - math.exp(-min(max(elapsed_s, 0.0), AXIS_STEP_S) / AXIS_S)
-        if approaching:
-            weight *= self._inputs.road_trust
-        self.progress.axis_rad = axis + weight * (direction - axis)
-        if road.road is not None:
-            self._plan.learn_width(road.road.width_m, WIDTH_WEIGHT * weight)
+        if previous is not None and self._inputs.road_visible:
+            self._axis.see(road, yaw, (header.time_ns - previous.header.time_ns) / 1e9)
 
     def _drive(self) -> Velocity:
         if self.progress.phase is Phase.WAITING:
@@ -265,7 +239,10 @@ class Navigator:
         state = self.progress
         nominal = state.heading_rad + turning.angle_rad(self._plan.turn)
         state.turn = TurnProgress(
-            turn=self._plan.turn, nominal_rad=nominal, radius_m=self._plan.radius_m
+            turn=self._plan.turn,
+            nominal_rad=nominal,
+            radius_m=self._plan.radius_m,
+            started_m=state.odometer_m,
         )
         state.phase = Phase.TURNING
         self._sight.reset()
@@ -275,7 +252,9 @@ class Navigator:
     def _turning(self) -> Velocity:
         turn = self._under_way
         error = turn.nominal_rad - self.progress.yaw_rad
-        near = abs(error) <= turning.search_arc(turn.turn, 0.0, self.config.turn)[1]
+        turn.held_back = turning.is_held_back(turn, self.progress.odometer_m)
+        middle, within = turning.search_arc(turn.turn, 0.0, self.config.turn, turn.held_back)
+        near = abs(error + middle) <= within
         seen = near and self._sight.agreed_rad is not None
         if seen or abs(error) <= self.config.turn.tolerance_rad:
             self.progress.phase = Phase.ALIGNING
@@ -369,6 +348,8 @@ class Navigator:
         return scaled(road.velocity, limit_mps)
 
     def _yaw_towards(self, target: float, turn: TurnProgress) -> Velocity:
+        if self._helm.off_road:
+            return self._wait("the robot has left the road, and no arc leads back onto it")
         turn.elapsed_s += self._elapsed_s
         return self._helm.yaw_towards(target, turn)
 

@@ -106,6 +106,10 @@ class TurnProgress(BaseModel):
     """Yaw that the mission asks for."""
     radius_m: float = Field(default=0.0, ge=0)
     """Of the arc; 0: in place."""
+    started_m: float = 0.0
+    """Odometer reading where it began."""
+    held_back: bool = False
+    """Whether the road's surface leaves no room for its arc."""
     elapsed_s: float = Field(default=0.0, ge=0)
     """Time under way, holds not counted."""
     aligning_s: float = Field(default=0.0, ge=0)

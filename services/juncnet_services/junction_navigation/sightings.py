@@ -23,6 +23,10 @@ SURE_FRAMES = 8
 """in so many pictures, and in more than it was missed in,"""
 SURE_PROBABILITY = 0.6
 """and with a mean score that speaks for it: a plaza, a drive or a parked car opens an edge too."""
+BORNE_OUT_BAND = 0.3
+"""One with a lower score is sure, too, where a risen score has lasted for this part of the band,"""
+NARROWEST_ROAD_M = 3.5
+"""and it is so long: a path's or a drive's is shorter."""
 MOVING = 0.5
 """What goes along with the robot by more than this part of its way is no opening: a bend's edge."""
 SAME_M = 5.0
@@ -119,9 +123,22 @@ class Sightings:
             sighting.last_m - sighting.first_m >= self._sure_m
             and sighting.frames >= max(SURE_FRAMES, sighting.missed)
             and sighting.scored >= SURE_FRAMES
-            and sighting.probability >= SURE_PROBABILITY
+            and (sighting.probability >= SURE_PROBABILITY or self._borne_out(sighting))
             and sighting.drift <= MOVING
         )
+
+    def _borne_out(self, sighting: Sighting) -> bool:
+        """Return whether a score that rose says that a junction is where a road's width opens.
+
+        Neither would be believed alone: the score was never certain, the opening's mean one is low.
+        """
+        risen, at_m = self._progress.candidate, self._progress.odometer_m
+        if risen is None or not risen.rise_seen or sighting.far_m is None:
+            return False
+        high_m = (at_m if risen.fall_m is None else risen.fall_m) - risen.rise_m
+        lasted = high_m >= BORNE_OUT_BAND * (self._band.d_far_m - self._band.d_near_m)
+        wide = sighting.far_m - sighting.near_m >= NARROWEST_ROAD_M
+        return lasted and wide and agree(risen, sighting, self._band, at_m)
 
     def _worth_keeping(self, sighting: Sighting) -> bool:
         passed = sighting.near_m < self._progress.odometer_m - FORGET_M

@@ -15,6 +15,10 @@ ASTRAY_RAD = 0.25
 """How far behind a turn its road may lie outside of where it was searched;"""
 BEND_RADIUS_M = 15.0
 """and the farther the robot has gone, the more the road may have bent."""
+HELD_BACK_RAD = 0.5
+"""How far aside a road leads at least that an arc may lead onto that was held back."""
+LONGER_M = 1.5
+"""How much longer than its angle asks for an arc may be."""
 MISS = 2
 """Frames with a view that one without it outweighs."""
 
@@ -56,19 +60,25 @@ def yaw_rate_radps(error_rad: float, config: TurnConfig) -> float:
     return min(max(rate, -config.yaw_rate_radps), config.yaw_rate_radps)
 
 
-def search_arc(turn: Turn, aligning_s: float, config: TurnConfig) -> tuple[float, float]:
+def search_arc(
+    turn: Turn, aligning_s: float, config: TurnConfig, held_back: bool = False
+) -> tuple[float, float]:
     """Return (middle from the nominal angle on, half width) of where a turn's road may lie.
 
     What is nearer to straight on than to an angle that is said is the way straight on; `left` and
     `right` say none, but a road that leads little aside is not looked for first. Once all that was
     searched in vain, the arc widens to the other side, and at last to both: the road by which the
-    robot came may have bent unseen.
+    robot came may have bent unseen. An arc that was held back leads onto a road less far aside.
     """
     far = config.search_rad
     if is_straight(turn):
         return 0.0, far
     angle = angle_rad(turn)
     near = min(far, NAMED_RAD if turn.angle_deg is None else abs(angle) / 2)
+    if held_back:
+        nearest = min(abs(angle) - near, HELD_BACK_RAD)
+        within = (abs(angle) + near - nearest) / 2
+        return math.copysign(within - near, -angle), within
     aside = (far + near) / 2
     swept_rad = max(aligning_s - config.settle_s, 0.0) * config.sweep_radps
     if swept_rad <= 4 * near:
@@ -76,6 +86,15 @@ def search_arc(turn: Turn, aligning_s: float, config: TurnConfig) -> tuple[float
     if swept_rad <= 4 * (near + aside):
         return math.copysign((far - near) / 2, angle), aside
     return 0.0, far
+
+
+def is_held_back(turn: TurnProgress, at_m: float) -> bool:
+    """Return whether an arc, at an odometer reading, is longer than its angle asks for.
+
+    The surface then leaves no room for it: the road of the turn leads less aside than was thought.
+    """
+    arc_m = abs(angle_rad(turn.turn)) * turn.radius_m
+    return turn.radius_m > 0 and at_m - turn.started_m > arc_m + LONGER_M
 
 
 def is_astray(
@@ -87,7 +106,7 @@ def is_astray(
     """
     if road.road is None:
         return False
-    middle, within = search_arc(turn.turn, turn.aligning_s, config)
+    middle, within = search_arc(turn.turn, turn.aligning_s, config, turn.held_back)
     direction = yaw + road.road.heading_rad
     driven_m = 0.0 if turn.ended_m is None else at_m - turn.ended_m
     limit = within + ASTRAY_RAD + driven_m / BEND_RADIUS_M
