@@ -50,16 +50,14 @@ def _usage() -> str:
     return "\n".join(["usage: juncnet COMMAND [--help] ...", "", *rows])
 
 
-class _Terminated(SystemExit):
-    """A signal ended the command."""
-
-    def __init__(self, number: int) -> None:
-        self.status = 128 + number
-        super().__init__(self.status)
+_received: list[int] = []
+"""Signals that ended the command. What they raise may not arrive: a library that is being imported
+makes another error of it."""
 
 
 def _end(number: int, _frame: FrameType | None) -> None:
-    raise _Terminated(number)
+    _received.append(number)
+    raise SystemExit(128 + number)
 
 
 def main() -> None:
@@ -82,11 +80,12 @@ def main() -> None:
     # A module that serves several commands is told which one it is.
     shared = [m for m, _ in COMMANDS.values()].count(COMMANDS[name][0]) > 1
     try:
-        code = module.main(arguments if shared else arguments[1:])
-    except _Terminated as end:
-        # All is cleaned up, but for what was under construction as the signal came; Python would
-        # wait for the threads of a session that was opened and not yet given to anybody.
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(end.status)
-    raise SystemExit(code)
+        raise SystemExit(module.main(arguments if shared else arguments[1:]))
+    except BaseException:
+        if not _received:
+            raise
+    # All is cleaned up, but for what was under construction as the signal came; Python would wait
+    # for the threads of a session that was opened and not yet given to anybody.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(128 + _received[0])
