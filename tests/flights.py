@@ -16,7 +16,7 @@ from juncnet.messages import SimulatorTruth
 from juncnet.topics import COMMAND_VELOCITY, NAVIGATION_STATE, SIMULATOR_TRUTH, health_topic
 from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.demo import Demo, Setup
-from juncnet_services.cli.judge import Summary
+from juncnet_services.cli.judge import MIN_REAL_TIME_FACTOR, Summary
 from juncnet_services.cli.local_flights import all_flights, end
 from juncnet_services.cli.up import log_end
 
@@ -24,8 +24,6 @@ START_LIMIT_S = 90.0
 """Time allowed for all processes to start on a busy machine."""
 ATTEMPTS = 3
 """How often a flight is flown at most while the machine is too slow for the simulation."""
-SLOWEST = 0.95
-"""Real-time factor of a second below which a flight that was not flown right proves nothing."""
 SMALL_CAMERA = ("simulator.width=320", "simulator.height=180")
 """A camera for tests in which flying well does not matter."""
 STANDING_MPS = 0.15
@@ -34,7 +32,7 @@ STANDING_MPS = 0.15
 
 def was_stalled(summary: Summary) -> bool:
     """Return whether a flight went wrong, and the simulation was too slow for a second of it."""
-    return not summary.flown_right and summary.real_time_factor_lowest < SLOWEST
+    return not summary.flown_right and summary.real_time_factor_lowest < MIN_REAL_TIME_FACTOR
 
 
 @contextmanager

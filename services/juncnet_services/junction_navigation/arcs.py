@@ -70,12 +70,10 @@ class Arcs:
         """Whether the vehicle is off the road and no arc leads back onto it soon."""
         if self.surface is None:
             return False
-        curvature = np.linspace(-self.tightest_1pm, self.tightest_1pm, CANDIDATES)[:, None]
-        along = np.arange(0.0, BACK_M + STEP_M / 2, STEP_M)
-        heading = curvature * along
-        x = along * np.sinc(heading / (2 * np.pi)) * np.cos(heading / 2)
-        y = along * np.sinc(heading / (2 * np.pi)) * np.sin(heading / 2)
-        return bool(self.surface.off_road(x, y).all())
+        curvature = np.linspace(-self.tightest_1pm, self.tightest_1pm, CANDIDATES)
+        x, y, _ = _paths(curvature, np.full(CANDIDATES, BACK_M), BACK_M)
+        here = np.zeros(1)
+        return bool(self.surface.off_road(here, here).all() and self.surface.off_road(x, y).all())
 
     def _clear_m(
         self,
@@ -104,15 +102,21 @@ def clear_m(
     A path goes straight on once it has turned by its `turn_rad`, or, where that is to the other
     side, soon.
     """
-    along = np.arange(STEP_M, length_m + STEP_M / 2, STEP_M)
     towards = curvature_1pm * turn_rad > 0
-    arc_m = np.full((curvature_1pm.size, 1), EVADED_M)
-    arc_m[towards, 0] = turn_rad[towards] / curvature_1pm[towards]
-    heading = curvature_1pm[:, None] * np.minimum(along, arc_m)
-    middle = curvature_1pm[:, None] * np.minimum(along - STEP_M / 2, arc_m)
-    x, y = np.cumsum(STEP_M * np.cos(middle), axis=1), np.cumsum(STEP_M * np.sin(middle), axis=1)
+    arc_m = np.full(curvature_1pm.size, EVADED_M)
+    arc_m[towards] = turn_rad[towards] / curvature_1pm[towards]
+    x, y, heading = _paths(curvature_1pm, arc_m, length_m)
     aside = half_width_m * np.array([-1.0, 0.0, 1.0])[:, None, None]
     off_road = surface.off_road(x - aside * np.sin(heading), y + aside * np.cos(heading))
     off = np.any(off_road, axis=0)
     off[:, :-1] &= off[:, 1:]  # one point alone is the mask's noise
     return np.where(np.any(off, axis=1), STEP_M * np.argmax(off, axis=1), length_m)
+
+
+def _paths(curvature_1pm: Array, arc_m: Array, length_m: float) -> tuple[Array, Array, Array]:
+    """Return x, y and heading (N, M) every `STEP_M` along arcs that go straight on from `arc_m`."""
+    curvature, arc_m = curvature_1pm[:, None], arc_m[:, None]
+    along = np.arange(STEP_M, length_m + STEP_M / 2, STEP_M)
+    middle = curvature * np.minimum(along - STEP_M / 2, arc_m)
+    x, y = np.cumsum(STEP_M * np.cos(middle), axis=1), np.cumsum(STEP_M * np.sin(middle), axis=1)
+    return x, y, curvature * np.minimum(along, arc_m)
