@@ -7,6 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+pytest.importorskip("torch", reason="torch is not installed: deploy/test --with-train")
+
 import torch
 
 from juncnet.learning.road_mask import (
