@@ -206,12 +206,16 @@ def test_an_arc_that_was_held_back_leads_less_aside_but_not_straight_on(
     assert middle * outwards + within == pytest.approx(near)
 
 
-def test_an_arc_is_held_back_once_it_is_longer_than_its_angle_asks_for() -> None:
-    left = TurnProgress(turn=Turn(at=1, turn="left"), nominal_rad=0.0, radius_m=3.0, started_m=10.0)
-    arc_m = 3.0 * math.pi / 2
-    assert not turning.is_held_back(left, 10.0 + arc_m + 1.4)
-    assert turning.is_held_back(left, 10.0 + arc_m + 1.6)
-    assert not turning.is_held_back(left.model_copy(update={"radius_m": 0.0}), 100.0)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_an_arc_is_held_back_once_it_is_longer_than_it_turned_the_robot(side: float) -> None:
+    turn = Turn(at=1, turn="left" if side > 0 else "right")
+    arc = TurnProgress(turn=turn, nominal_rad=2.0, radius_m=3.0, started_m=10.0)
+    for turned_rad in (0.0, 0.8, math.pi / 2):
+        yaw, end_m = 2.0 - side * (math.pi / 2 - turned_rad), 10.0 + 3.0 * turned_rad
+        assert not turning.is_held_back(arc, end_m + turning.LONGER_M - 0.1, yaw)
+        assert turning.is_held_back(arc, end_m + turning.LONGER_M + 0.1, yaw)
+    in_place = arc.model_copy(update={"radius_m": 0.0})
+    assert not turning.is_held_back(in_place, 100.0, 2.0)
 
 
 @pytest.mark.parametrize("angle_deg", [-70.0, 70.0])

@@ -152,7 +152,21 @@ def test_a_road_that_lies_or_leads_aside_is_an_arm(
         step(flown, number, seen.model_copy(update={"road": leads}))
     assert flown.progress.phase is Phase.CROSSING
     assert state.junction is not None
-    assert state.junction.way_seen is taken
+    assert (state.junction.way is not None) is taken
+
+
+@pytest.mark.parametrize(("bends_deg", "followed"), [(12.0, True), (40.0, False)])
+def test_the_way_on_does_not_bend_like_another_arm(bends_deg: float, followed: bool) -> None:
+    """A line that was sure of the way straight on is drawn to an arm beside it as that nears."""
+    state = crossing()
+    state.odometer_m += 4.0
+    flown = navigator(state)
+    step(flown, 1, road(1, 0.0, confidence=0.8))
+    wanted = Velocity()
+    for number in range(2, 12):
+        wanted = step(flown, number, road(number, math.radians(bends_deg), confidence=0.5))
+    assert flown.progress.phase is Phase.CROSSING
+    assert (wanted.yaw_rate_radps == pytest.approx(0.0)) is not followed
 
 
 def test_a_robot_looks_around_before_it_leaves_the_surface() -> None:

@@ -250,14 +250,15 @@ class Navigator:
         self._event(EventKind.TURN_STARTED)
 
     def _turning(self) -> Velocity:
-        turn = self._under_way
-        error = turn.nominal_rad - self.progress.yaw_rad
-        turn.held_back = turning.is_held_back(turn, self.progress.odometer_m)
+        turn, state = self._under_way, self.progress
+        error = turn.nominal_rad - state.yaw_rad
+        held_back = turning.is_held_back(turn, state.odometer_m, state.yaw_rad)
+        turn.held_back = turn.held_back or held_back
         middle, within = turning.search_arc(turn.turn, 0.0, self.config.turn, turn.held_back)
         near = abs(error + middle) <= within
         seen = near and self._sight.agreed_rad is not None
         if seen or abs(error) <= self.config.turn.tolerance_rad:
-            self.progress.phase = Phase.ALIGNING
+            state.phase = Phase.ALIGNING
             return self._aligning()
         if turn.elapsed_s > self.config.turn.timeout_s:
             return self._wait("the turn takes too long: does the vehicle yaw?")

@@ -70,6 +70,17 @@ class Sighting(BaseModel):
         return self.joint_m2 / self.scatter_m2 if self.scatter_m2 > 0 else 0.0
 
 
+class SeenWay(BaseModel):
+    """A way on behind a junction. The angle is an unwrapped yaw in radians."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    leads_rad: float
+    """Its direction;"""
+    at_m: float
+    """and where the robot was that saw it, an odometer reading in metres."""
+
+
 class Junction(BaseModel):
     """A junction ahead or under the robot. Distances are odometer readings in metres."""
 
@@ -92,8 +103,8 @@ class Junction(BaseModel):
     """Where an edge of the robot's road begins anew beyond it, seen while crossing it."""
     axis_rad: float | None = None
     """Direction of the road by which the robot entered it; None: it has not."""
-    way_seen: bool = False
-    """Whether a follower was once sure of the road behind it, as the robot crosses it."""
+    way: SeenWay | None = None
+    """The road behind it, as a follower was first sure of it while the robot crosses it."""
 
 
 class TurnProgress(BaseModel):

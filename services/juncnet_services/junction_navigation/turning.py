@@ -12,13 +12,14 @@ NAMED_RAD = 0.7
 LONGEST_TANGENT_RAD = math.radians(120)
 STRAIGHT_RAD = math.radians(15)
 ASTRAY_RAD = 0.25
-"""How far behind a turn its road may lie outside of where it was searched;"""
+"""How far behind a turn its road may lie outside of where it was searched, and the way straight on
+from where it was seen;"""
 BEND_RADIUS_M = 15.0
 """and the farther the robot has gone, the more the road may have bent."""
 HELD_BACK_RAD = 0.5
 """How far aside a road leads at least that an arc may lead onto that was held back."""
-LONGER_M = 1.5
-"""How much longer than its angle asks for an arc may be."""
+LONGER_M = 1.2
+"""How much longer an arc may be than one that turns the robot as far."""
 MISS = 2
 """Frames with a view that one without it outweighs."""
 
@@ -88,12 +89,14 @@ def search_arc(
     return 0.0, far
 
 
-def is_held_back(turn: TurnProgress, at_m: float) -> bool:
-    """Return whether an arc, at an odometer reading, is longer than its angle asks for.
+def is_held_back(turn: TurnProgress, at_m: float, yaw: float) -> bool:
+    """Return whether an arc, at an odometer reading and a yaw, is longer than it turned the robot.
 
     The surface then leaves no room for it: the road of the turn leads less aside than was thought.
     """
-    arc_m = abs(angle_rad(turn.turn)) * turn.radius_m
+    angle = angle_rad(turn.turn)
+    turned_rad = math.copysign(1.0, angle) * (yaw - turn.nominal_rad) + abs(angle)
+    arc_m = turned_rad * turn.radius_m
     return turn.radius_m > 0 and at_m - turn.started_m > arc_m + LONGER_M
 
 
