@@ -64,7 +64,7 @@ def test_a_report_is_gone_on_with(
     def fly(vehicle: str, seed: int, settings: object) -> Flown:
         del vehicle, settings
         flown.append(seed)
-        return Flown(seed=seed, voids=0, summary=summary(seed != 2))
+        return Flown(seed=seed, voids=seed - 1, summary=summary(seed != 2))
 
     monkeypatch.setattr(flights, "fly", fly)
     assert main(["--seeds", "1", "--out", str(out)]) == 0
@@ -74,7 +74,8 @@ def test_a_report_is_gone_on_with(
     assert [f.seed for f in report.flights] == [1, 2]
     assert not report.all_right
     table = out.with_suffix(".md").read_text()
-    assert "1 of 2 flown right" in table
+    assert "1 of 2 flown right** (copter; 0 void; void and flown again: 1)" in table
+    assert "| 2 | failed, after 1 void |" in table
     assert "the mission was not finished" in table
     assert table in capsys.readouterr().out
 

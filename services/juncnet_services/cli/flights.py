@@ -43,6 +43,11 @@ class Flown(BaseModel):
     """Void flights before the one of the summary."""
     summary: Summary
 
+    @property
+    def again(self) -> str:
+        """How often the world had to be flown again, to be said behind the verdict."""
+        return f", after {self.voids} void" if self.voids else ""
+
 
 class Report(BaseModel):
     """The flights of one vehicle, and what they were flown with."""
@@ -139,11 +144,10 @@ def fly_simulated(vehicle: str, seed: int, settings: Sequence[str]) -> Flown:
 def line(flown: Flown) -> str:
     """Return a flight as one line."""
     s = flown.summary
-    again = f", after {flown.voids} void" if flown.voids else ""
     reasons = f": {'; '.join(s.reasons)}" if s.reasons else ""
     return (
         f"seed {flown.seed:>6}  {s.verdict:<11}  {s.junctions_counted}/{s.junctions_true} junctions"
-        f"  {s.turns_taken}/{s.turns_planned} turns  {s.time_s:5.1f} s{again}{reasons}"
+        f"  {s.turns_taken}/{s.turns_planned} turns  {s.time_s:5.1f} s{flown.again}{reasons}"
     )
 
 
@@ -154,14 +158,14 @@ def markdown(report: Report) -> str:
     void = sum(f.summary.verdict == "void" for f in flights)
     heads = ["seed", "verdict", "junctions", "turns", "on road %", "off m", "rms m", "collisions"]
     heads += ["time s", "ideal s"]
-    of_processes = [] if report.simulated else ["FPS", "p50 ms", "p99 ms"]
+    of_processes = [] if report.simulated else ["real time", "FPS", "p50 ms", "p99 ms"]
     heads += [*of_processes, "reasons"]
     rows = [heads, ["---"] * len(heads)]
     for flown in flights:
         s = flown.summary
         row = [
             str(flown.seed),
-            s.verdict.replace("_", " "),
+            s.verdict.replace("_", " ") + flown.again,
             f"{s.junctions_counted}/{s.junctions_true}",
             f"{s.turns_taken}/{s.turns_planned}",
             f"{100 * s.on_road:.1f}",
@@ -172,9 +176,11 @@ def markdown(report: Report) -> str:
             f"{s.ideal_time_s:.1f}",
         ]
         figures = (s.fps, s.latency_p50_ms, s.latency_p99_ms)
-        shown = ["" if figure is None else f"{figure:.1f}" for figure in figures]
+        shown = [f"{s.real_time_factor:.2f}"]
+        shown += ["" if figure is None else f"{figure:.1f}" for figure in figures]
         rows.append([*row, *shown[: len(of_processes)], "; ".join(s.reasons)])
-    how = "in simulated time" if report.simulated else f"{void} void"
+    repeated = sum(f.voids for f in flights)
+    how = "in simulated time" if report.simulated else f"{void} void; void and flown again: {repeated}"
     return "\n".join(
         [
             f"**{right} of {len(flights)} flown right** ({report.vehicle}; {how}).",
