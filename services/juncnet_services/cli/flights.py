@@ -180,7 +180,8 @@ def markdown(report: Report) -> str:
         shown += ["" if figure is None else f"{figure:.1f}" for figure in figures]
         rows.append([*row, *shown[: len(of_processes)], "; ".join(s.reasons)])
     repeated = sum(f.voids for f in flights)
-    how = "in simulated time" if report.simulated else f"{void} void; void and flown again: {repeated}"
+    in_real_time = f"{void} void; void and flown again: {repeated}"
+    how = "in simulated time" if report.simulated else in_real_time
     return "\n".join(
         [
             f"**{right} of {len(flights)} flown right** ({report.vehicle}; {how}).",
