@@ -100,6 +100,11 @@ def is_held_back(turn: TurnProgress, at_m: float, yaw: float) -> bool:
     return turn.radius_m > 0 and at_m - turn.started_m > arc_m + LONGER_M
 
 
+def bent_rad(driven_m: float) -> float:
+    """Return how far a road may lead off where it was known to lead so many metres before."""
+    return ASTRAY_RAD + driven_m / BEND_RADIUS_M
+
+
 def is_astray(
     road: RoadCommand, at_m: float, yaw: float, turn: TurnProgress, config: TurnConfig
 ) -> bool:
@@ -112,8 +117,7 @@ def is_astray(
     middle, within = search_arc(turn.turn, turn.aligning_s, config, turn.held_back)
     direction = yaw + road.road.heading_rad
     driven_m = 0.0 if turn.ended_m is None else at_m - turn.ended_m
-    limit = within + ASTRAY_RAD + driven_m / BEND_RADIUS_M
-    return abs(direction - turn.nominal_rad - middle) > limit
+    return abs(direction - turn.nominal_rad - middle) > within + bent_rad(driven_m)
 
 
 def sweep_rad(seconds: float, sign: float, limit: float, config: TurnConfig) -> float:

@@ -34,10 +34,11 @@ def sees_way_on(
         return False
     towards_rad = inputs.road_towards_rad(state.yaw_rad)
     leads_rad = state.yaw_rad + inputs.road_heading_rad
+    seen = SeenWay(leads_rad=leads_rad, at_m=state.odometer_m)
     if plan.ends_here and junction.axis_rad is not None:
         near = abs(towards_rad - junction.axis_rad) <= FARTHEST_RAD
-        if near and inputs.road_certain and junction.way is None:
-            junction.way = SeenWay(leads_rad=leads_rad, at_m=state.odometer_m)
+        if near and inputs.road_certain:
+            junction.way = junction.way or seen
         likely = inputs.road_confidence >= LIKELY and junction.way is None
         return near and (inputs.road_certain or likely)
     if plan.mouth_ahead_m > -0.5 * plan.reach_m:
@@ -48,12 +49,11 @@ def sees_way_on(
         leads_on = abs(leads_rad - state.heading_rad) <= AHEAD_RAD
         farthest_rad = AHEAD_RAD if math.isinf(plan.end_ahead_m) else FARTHEST_RAD
         if only or (leads_on and abs(towards_rad - state.heading_rad) <= farthest_rad):
-            junction.way = SeenWay(leads_rad=leads_rad, at_m=state.odometer_m)
+            junction.way = seen
     if junction.way is None or not inputs.road_visible:
         return False
     driven_m = state.odometer_m - junction.way.at_m
-    bent_rad = turning.ASTRAY_RAD + driven_m / turning.BEND_RADIUS_M
-    return abs(leads_rad - junction.way.leads_rad) <= bent_rad
+    return abs(leads_rad - junction.way.leads_rad) <= turning.bent_rad(driven_m)
 
 
 def nothing_ahead(state: Progress, plan: JunctionPlan, config: NavigatorConfig) -> bool:
