@@ -181,11 +181,11 @@ def test_the_way_straight_on_is_no_turns_road() -> None:
     middle, within = turning.search_arc(slight, 0.0, config)
     assert middle == 0.0
     sight = turning.RoadSight(config)
-    for number in range(1, 6):  # the road straight on, sought 40 degrees to its left
-        sight.look(road(number, number), 0.0, math.radians(40), within, 0.3)
+    for _ in range(5):  # the road straight on, sought 40 degrees to its left
+        sight.look(0.0, 0.0, math.radians(40), within)
     assert sight.agreed_rad is None
-    for number in range(6, 11):
-        sight.look(road(number, number), 0.5, math.radians(40), within, 0.3)
+    for _ in range(5):
+        sight.look(0.0, 0.5, math.radians(40), within)
     assert sight.agreed_rad == pytest.approx(0.5)
     straight, right = (Turn(at=1, turn=turn) for turn in ("straight", "right"))
     assert turning.search_arc(straight, 0.0, config) == (0.0, config.search_rad)
@@ -227,24 +227,40 @@ def test_a_search_in_vain_goes_on_away_from_the_way_straight_on(angle_deg: float
     assert middle * outwards - within == pytest.approx(-math.radians(35))
 
 
+@pytest.mark.parametrize(("in_place", "expected_deg"), [(True, 45.0), (False, -10.0)])
+def test_before_its_road_a_robot_goes_by_the_part_in_view(
+    in_place: bool, expected_deg: float
+) -> None:
+    """The line's direction beside the robot is a guess there."""
+    command = road(1, 1)
+    seen = RoadSeen(
+        offset_m=1.0,
+        heading_rad=math.radians(-10.0),
+        width_m=6.0,
+        centre=((3.0, 1.0), (5.0, 2.0), (8.0, 6.0)),
+    )
+    heading = turning.seen_heading_rad(command.model_copy(update={"road": seen}), in_place)
+    assert heading == pytest.approx(math.radians(expected_deg))
+
+
 def test_a_view_that_flickers_after_it_was_agreed_on_still_is() -> None:
     sight = turning.RoadSight(TurnConfig(frames=3))
     agreed: list[bool] = []
-    for confidence in (0.9, 0.9, 0.9, 0.9, 0.9, 0.1, 0.9, 0.1, 0.1):
-        sight.look(road(1, 1, confidence=confidence), 1.5, 1.57, 0.8, 0.3)
+    for heading in (0.0, 0.0, 0.0, 0.0, 0.0, None, 0.0, None, None):
+        sight.look(heading, 1.5, 1.57, 0.8)
         agreed.append(sight.aligned)
     assert agreed == [False, False, True, True, True, True, True, False, False]
 
 
 def test_agreement_takes_frames_in_a_row() -> None:
     sight = turning.RoadSight(TurnConfig(frames=3))
-    for confidence in (0.9, 0.9, 0.1, 0.9, 0.9):
-        sight.look(road(1, 1, confidence=confidence), 1.5, 1.57, 0.8, 0.3)
+    for heading in (0.0, 0.0, None, 0.0, 0.0):
+        sight.look(heading, 1.5, 1.57, 0.8)
     assert sight.agreed_rad is None
-    sight.look(road(1, 1), 1.5, 1.57, 0.8, 0.3)
+    sight.look(0.0, 1.5, 1.57, 0.8)
     assert sight.agreed_rad == pytest.approx(1.5)
     assert sight.aligned
-    sight.look(road(1, 1), 0.0, 1.57, 0.8, 0.3)
+    sight.look(0.0, 0.0, 1.57, 0.8)
     assert sight.agreed_rad is None
 
 

@@ -61,12 +61,12 @@ def road(
     number: int, towards_rad: float, ends_m: float | None = None, confidence: float = 0.5
 ) -> RoadCommand:
     """A follower's road whose middle lies 6 m away at an angle; its steering is gentle."""
-    middle = (6 * math.cos(towards_rad), 6 * math.sin(towards_rad))
+    ahead, aside = math.cos(towards_rad), math.sin(towards_rad)
     seen = RoadSeen(
         offset_m=0.0,
         heading_rad=towards_rad,
         width_m=6.0,
-        centre=((2.0, 0.0), middle, (9.0, 0.0)),
+        centre=((2 * ahead, 2 * aside), (6 * ahead, 6 * aside), (9 * ahead, 9 * aside)),
         ends_m=ends_m,
     )
     return RoadCommand(

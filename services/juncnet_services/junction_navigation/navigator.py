@@ -138,11 +138,13 @@ class Navigator:
             aside_rad = yaw - self.progress.heading_rad
             self._sightings.see(road.road, at_m, self._inputs.road_trust >= 1, aside_rad)
         if self.progress.turn is not None:
-            turn, least = self.progress.turn, self.config.sight_confidence
+            turn = self.progress.turn
             middle, within = turning.search_arc(
                 turn.turn, turn.aligning_s, self.config.turn, turn.held_back
             )
-            self._sight.look(road, yaw, turn.nominal_rad + middle, within, least)
+            sure = road.confidence >= self.config.sight_confidence
+            heading = turning.seen_heading_rad(road, turn.radius_m == 0) if sure else None
+            self._sight.look(heading, yaw, turn.nominal_rad + middle, within)
             return
         if self.progress.turned is not None:
             turned = self.progress.turned

@@ -100,6 +100,22 @@ def is_held_back(turn: TurnProgress, at_m: float, yaw: float) -> bool:
     return turn.radius_m > 0 and at_m - turn.started_m > arc_m + LONGER_M
 
 
+def seen_heading_rad(road: RoadCommand, in_place: bool) -> float | None:
+    """Return the direction of a follower's road against the robot's own; None: it gives none.
+
+    A robot that turns in place stands before its road, not on it: there it is the direction of the
+    part in view, for where the line would lead beside the robot is a guess, and another one at
+    every yaw. A follower that gives no road is taken to yaw by one radian a second per radian.
+    """
+    seen = road.road
+    if seen is None:
+        return None if road.velocity is None else road.velocity.yaw_rate_radps
+    if not in_place or len(seen.centre) < 2:
+        return seen.heading_rad
+    (near_x_m, near_y_m), (far_x_m, far_y_m) = seen.centre[0], seen.centre[-1]
+    return math.atan2(far_y_m - near_y_m, far_x_m - near_x_m)
+
+
 def bent_rad(driven_m: float) -> float:
     """Return how far a road may lead off where it was known to lead so many metres before."""
     return ASTRAY_RAD + driven_m / BEND_RADIUS_M
@@ -112,12 +128,12 @@ def is_astray(
 
     `at_m` is the odometer reading there.
     """
-    if road.road is None:
+    heading = seen_heading_rad(road, turn.radius_m == 0)
+    if road.road is None or heading is None:
         return False
     middle, within = search_arc(turn.turn, turn.aligning_s, config, turn.held_back)
-    direction = yaw + road.road.heading_rad
     driven_m = 0.0 if turn.ended_m is None else at_m - turn.ended_m
-    return abs(direction - turn.nominal_rad - middle) > within + bent_rad(driven_m)
+    return abs(yaw + heading - turn.nominal_rad - middle) > within + bent_rad(driven_m)
 
 
 def sweep_rad(seconds: float, sign: float, limit: float, config: TurnConfig) -> float:
@@ -142,17 +158,12 @@ class RoadSight:
         self.direction_rad: float | None = None
         """Unwrapped yaw of the road seen last, agreed on or not."""
 
-    def look(
-        self, road: RoadCommand, yaw: float, nominal: float, within: float, least: float
-    ) -> None:
-        """Take a follower's view from `yaw` of a road that is sought `within` so much of `nominal`.
+    def look(self, heading: float | None, yaw: float, nominal: float, within: float) -> None:
+        """Take a view from `yaw` of a road, sought `within` so much of `nominal`, or of none.
 
-        A view of less confidence than `least` counts against two that agreed; a road too far from
-        `nominal` ends the row.
-        A follower that gives no road is taken to yaw by one radian a second per radian of error.
+        One of none counts against two that agreed; a road too far from `nominal` ends the row.
         """
-        heading = self._heading(road)
-        if heading is None or road.confidence < least:
+        if heading is None:
             self._agreeing = max(self._agreeing - MISS, 0)
             self._aligned = max(self._aligned - MISS, 0)
             return
@@ -182,9 +193,3 @@ class RoadSight:
         """Forget all frames."""
         self._agreeing = self._aligned = 0
         self.direction_rad = None
-
-    @staticmethod
-    def _heading(road: RoadCommand) -> float | None:
-        if road.road is not None:
-            return road.road.heading_rad
-        return None if road.velocity is None else road.velocity.yaw_rate_radps
