@@ -23,6 +23,7 @@ from juncnet.messages import (
     Velocity,
 )
 from juncnet_services.junction_navigation import turning
+from juncnet_services.junction_navigation.axis import RoadAxis
 from juncnet_services.junction_navigation.config import (
     DetectorConfig,
     NavigatorConfig,
@@ -30,7 +31,9 @@ from juncnet_services.junction_navigation.config import (
 )
 from juncnet_services.junction_navigation.decision import Decision
 from juncnet_services.junction_navigation.detector import JunctionDetector
+from juncnet_services.junction_navigation.inputs import Inputs
 from juncnet_services.junction_navigation.navigator import Navigator
+from juncnet_services.junction_navigation.plan import JunctionPlan
 from juncnet_services.junction_navigation.progress import Junction, Place, Progress, TurnProgress
 from juncnet_services.junction_navigation.store import Resumed
 
@@ -252,6 +255,20 @@ def test_a_road_that_the_robot_is_not_on_is_not_its_axis(offset_m: float, learne
         )
     assert flown.progress.axis_rad is not None
     assert (flown.progress.axis_rad > 0.05) is learned
+
+
+def test_the_axis_of_a_bend_does_not_lag_behind_it() -> None:
+    """A robot drives 10 m of a bend: its held direction is the road's where it is then."""
+    state = Progress(flight="f", configured=LEFT, mission=LEFT, phase=Phase.FOLLOWING)
+    config = NavigatorConfig()
+    inputs, plan = Inputs(config, None), JunctionPlan(config, state)
+    axis, radius_m, speed_mps, step_s = RoadAxis(config, state, plan, inputs), 12.0, 2.0, 0.04
+    state.speed_mps, yaw = speed_mps, 0.0
+    for number in range(1, 126):
+        yaw = speed_mps * number * step_s / radius_m
+        seen = RoadSeen(offset_m=0.0, heading_rad=0.0, width_m=6.0, curvature_1pm=1 / radius_m)
+        axis.see(road(number, 0.0).model_copy(update={"road": seen}), yaw, step_s)
+    assert state.axis_rad == pytest.approx(yaw, abs=0.01)
 
 
 def test_a_long_search_ends_with_every_road_near_the_angle() -> None:

@@ -29,11 +29,15 @@ class RoadAxis:
         """Take a view of the road into its mean direction; a pause makes no view weigh more.
 
         One far off is of a side arm before a junction, elsewhere of another road. Nothing is
-        learned where a side arm may mislead the follower.
+        learned where a side arm may mislead the follower. A mean lags behind: on a bend, every view
+        stands for where the robot will be when the mean has followed.
         """
         if not self._steered:
             return
-        direction = yaw + (road.road.heading_rad if road.road is not None else 0.0)
+        direction = yaw
+        if road.road is not None:
+            lag_m = max(self._progress.speed_mps, 0.0) * AXIS_S
+            direction += road.road.heading_rad + lag_m * road.road.curvature_1pm
         axis, approaching = self._progress.axis_rad, self._progress.phase is Phase.APPROACHING
         if axis is None or abs(direction - axis) > (SIDE_ARM_RAD if approaching else math.pi / 4):
             self._progress.axis_rad = axis if axis is not None and approaching else direction
