@@ -45,7 +45,7 @@ class Helm:
         """Return the velocity of a turn that shall end at an unwrapped yaw."""
         config, error = self._config.turn, target_rad - self._progress.yaw_rad
         rate = turning.yaw_rate_radps(error, config)
-        if turn.radius_m == 0:
+        if turn.in_place:
             return Velocity(yaw_rate_radps=rate)
         speed_mps = min(config.speed_mps, self._config.cruise_mps)
         limit = 1 / turn.radius_m

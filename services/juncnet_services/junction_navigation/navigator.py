@@ -143,7 +143,7 @@ class Navigator:
                 turn.turn, turn.aligning_s, self.config.turn, turn.held_back
             )
             sure = road.confidence >= self.config.sight_confidence
-            heading = turning.seen_heading_rad(road, turn.radius_m == 0) if sure else None
+            heading = turning.seen_heading_rad(road, turn.in_place) if sure else None
             self._sight.look(heading, yaw, turn.nominal_rad + middle, within)
             return
         if self.progress.turned is not None:
@@ -268,13 +268,13 @@ class Navigator:
 
     def _aligning(self) -> Velocity:
         turn, state, config = self._under_way, self.progress, self.config.turn
-        swings = turn.radius_m == 0 and abs(self._odometry.yaw_rate_radps) > config.settled_radps
+        swings = turn.in_place and abs(self._odometry.yaw_rate_radps) > config.settled_radps
         if self._sight.aligned and not swings:
             return self._end_turn()
         if self._sight.agreed_rad is not None:
             return self._yaw_towards(self._sight.agreed_rad, turn)
         turn.aligning_s += self._elapsed_s
-        if turn.radius_m > 0:
+        if not turn.in_place:
             if turn.aligning_from_m is None:
                 turn.aligning_from_m = state.odometer_m
             if state.odometer_m - turn.aligning_from_m > config.align_m:

@@ -135,6 +135,11 @@ class TurnProgress(BaseModel):
     """How often its road was lost and searched anew."""
 
     @property
+    def in_place(self) -> bool:
+        """Whether the robot turns on the spot, not on an arc."""
+        return self.radius_m == 0
+
+    @property
     def searching_anew(self) -> "TurnProgress":
         """This turn with its search for the road begun again."""
         begun = {"aligning_s": 0.0, "aligning_from_m": None, "ended_m": None, "lost_s": 0.0}

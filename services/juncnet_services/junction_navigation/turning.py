@@ -2,7 +2,7 @@
 
 import math
 
-from juncnet.messages import Capabilities, RoadCommand, Turn
+from juncnet.messages import Capabilities, RoadCommand, RoadSeen, Turn
 from juncnet_services.junction_navigation.config import TurnConfig
 from juncnet_services.junction_navigation.progress import TurnProgress
 
@@ -97,23 +97,30 @@ def is_held_back(turn: TurnProgress, at_m: float, yaw: float) -> bool:
     angle = angle_rad(turn.turn)
     turned_rad = math.copysign(1.0, angle) * (yaw - turn.nominal_rad) + abs(angle)
     arc_m = turned_rad * turn.radius_m
-    return turn.radius_m > 0 and at_m - turn.started_m > arc_m + LONGER_M
+    return not turn.in_place and at_m - turn.started_m > arc_m + LONGER_M
+
+
+def leads_rad(seen: RoadSeen, in_place: bool) -> float:
+    """Return the direction of a seen road against the robot's own.
+
+    A robot that turns in place stands before its road, not on it: there it is the direction of the
+    part in view, for where the line would lead beside the robot is a guess, and another one at
+    every yaw.
+    """
+    if not in_place or len(seen.centre) < 2:
+        return seen.heading_rad
+    (near_x_m, near_y_m), (far_x_m, far_y_m) = seen.centre[0], seen.centre[-1]
+    return math.atan2(far_y_m - near_y_m, far_x_m - near_x_m)
 
 
 def seen_heading_rad(road: RoadCommand, in_place: bool) -> float | None:
     """Return the direction of a follower's road against the robot's own; None: it gives none.
 
-    A robot that turns in place stands before its road, not on it: there it is the direction of the
-    part in view, for where the line would lead beside the robot is a guess, and another one at
-    every yaw. A follower that gives no road is taken to yaw by one radian a second per radian.
+    A follower that gives no road is taken to yaw by one radian a second per radian of error.
     """
-    seen = road.road
-    if seen is None:
-        return None if road.velocity is None else road.velocity.yaw_rate_radps
-    if not in_place or len(seen.centre) < 2:
-        return seen.heading_rad
-    (near_x_m, near_y_m), (far_x_m, far_y_m) = seen.centre[0], seen.centre[-1]
-    return math.atan2(far_y_m - near_y_m, far_x_m - near_x_m)
+    if road.road is not None:
+        return leads_rad(road.road, in_place)
+    return None if road.velocity is None else road.velocity.yaw_rate_radps
 
 
 def bent_rad(driven_m: float) -> float:
@@ -128,12 +135,12 @@ def is_astray(
 
     `at_m` is the odometer reading there.
     """
-    heading = seen_heading_rad(road, turn.radius_m == 0)
-    if road.road is None or heading is None:
+    if road.road is None:
         return False
     middle, within = search_arc(turn.turn, turn.aligning_s, config, turn.held_back)
     driven_m = 0.0 if turn.ended_m is None else at_m - turn.ended_m
-    return abs(yaw + heading - turn.nominal_rad - middle) > within + bent_rad(driven_m)
+    direction = yaw + leads_rad(road.road, turn.in_place)
+    return abs(direction - turn.nominal_rad - middle) > within + bent_rad(driven_m)
 
 
 def sweep_rad(seconds: float, sign: float, limit: float, config: TurnConfig) -> float:
