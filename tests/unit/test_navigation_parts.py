@@ -29,7 +29,7 @@ from juncnet_services.junction_navigation.detector import JunctionDetector
 from juncnet_services.junction_navigation.missions import load_mission
 from juncnet_services.junction_navigation.navigator import Navigator
 from juncnet_services.junction_navigation.place import mouth_m
-from juncnet_services.junction_navigation.progress import Junction, Progress
+from juncnet_services.junction_navigation.progress import Junction, Progress, TurnProgress
 from juncnet_services.junction_navigation.speed import braking_mps, feasible, scaled
 from juncnet_services.junction_navigation.store import FILE_NAME, Resumed, Store
 
@@ -127,6 +127,29 @@ def test_nothing_is_counted_right_behind_a_junction() -> None:
     assert detector.next_junction() is None
     state.odometer_m = 23.1
     assert detector.next_junction() is not None
+
+
+def test_behind_a_turn_the_next_junction_may_follow_at_once() -> None:
+    state = progress()
+    detector = JunctionDetector(DetectorConfig(gap_m=3.0), BAND, state)
+    state.left_m, state.left_turned, state.odometer_m = 20.0, True, 20.1
+    ahead = Junction(rise_m=14.0, probability=1.0)
+    state.candidate = ahead.model_copy()
+    assert detector.next_junction() == ahead
+    passed = Junction(rise_m=14.0, fall_m=19.9 - BAND.d_near_m, probability=1.0)
+    state.candidate = passed
+    assert detector.next_junction() is None
+    assert state.candidate is None
+
+
+def test_a_score_that_rises_right_behind_a_turn_is_no_dip_of_the_junction_turned_at() -> None:
+    state = progress()
+    detector = JunctionDetector(DetectorConfig(), BAND, state)
+    state.junction = Junction(rise_m=0.0, fall_m=6.0)
+    state.turned = TurnProgress(turn=Turn(at=1, turn="left"), nominal_rad=0.0)
+    detector.risen(7.0, "junction")
+    assert state.junction.fall_m == 6.0
+    assert state.candidate == Junction(rise_m=7.0)
 
 
 def test_a_dip_is_no_fall() -> None:

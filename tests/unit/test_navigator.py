@@ -73,6 +73,27 @@ def test_staggered_junctions_22_m_apart_are_two(height_m: float) -> None:
     assert 60 < flight.x < 75
 
 
+@pytest.mark.parametrize("rise_bias", [-0.4, 0.0])
+@pytest.mark.parametrize(
+    ("capabilities", "apart_m"),
+    [(COPTER, 17.0), (COPTER, 20.0), (ROVER, 21.0), (ROVER, 22.0), (ROVER, 25.0)],
+)
+def test_a_junction_close_behind_a_turn_is_counted(
+    capabilities: Capabilities, apart_m: float, rise_bias: float
+) -> None:
+    roads = (
+        Road((-200.0, 0.0), (200.0, 0.0)),
+        Road((0.0, -200.0), (0.0, 200.0)),
+        Road((-200.0, apart_m), (200.0, apart_m)),
+    )
+    plane = Plane(roads, ((0.0, 0.0), (0.0, apart_m)))
+    mission = Mission(turns=(Turn(at=1, turn="left"), Turn(at=2, turn="right")), finish_after=2)
+    flight = Flight(plane, mission, capabilities=capabilities, rise_bias=rise_bias).run(90)
+    assert tuple(flight.kinds) == (*FIRST_TURN[:-1], *FIRST_TURN)
+    assert abs(flight.y - apart_m) < 1.5
+    assert flight.x > 5
+
+
 @pytest.mark.parametrize("height_m", [2.0, 3.0, 4.5])
 @pytest.mark.parametrize("cruise_mps", [1.5, 3.0, 4.5])
 def test_other_heights_and_speeds_turn_within_a_metre(height_m: float, cruise_mps: float) -> None:

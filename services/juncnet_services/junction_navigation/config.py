@@ -29,7 +29,8 @@ class DetectorConfig(BaseModel):
     dip_m: float = Field(default=2.5, ge=0)
     """A fallen score that rises again within this distance was no fall."""
     gap_m: float = Field(default=3.0, ge=0)
-    """Distance after a junction was left within which no other is counted by its score alone."""
+    """Distance after a junction was crossed straight on and left within which no other is counted
+    by its score alone."""
 
     @model_validator(mode="after")
     def _hysteresis(self) -> "DetectorConfig":

@@ -81,7 +81,8 @@ class JunctionDetector:
     def risen(self, at_m: float, label: str) -> None:
         """Note that the score rose at an odometer reading."""
         state = self._progress
-        for known in (state.candidate, state.junction):
+        passed = None if state.turned is not None else state.junction
+        for known in (state.candidate, passed):
             if known is not None and known.fall_m is not None and self._dipped(known, at_m):
                 known.fall_m = None
                 return
@@ -133,7 +134,7 @@ class JunctionDetector:
         return high_m >= self.confirm_m and found.probability >= least
 
     def forget(self) -> None:
-        """Drop what rose during a turn; a score that is still high counts from here on."""
+        """Drop what rose during a turn that ends here; a score that is high counts from here on."""
         state = self._progress
         state.candidate = None
         if state.high:
@@ -141,9 +142,14 @@ class JunctionDetector:
 
     @property
     def _free_m(self) -> float:
-        """Odometer reading from which on a score may be another junction's."""
-        left_m = self._progress.left_m
-        return -math.inf if left_m is None else left_m + self.config.gap_m
+        """Odometer reading from which on a score may be another junction's.
+
+        Behind a turn there is no gap: what was high on the new road did not see the last one.
+        """
+        state = self._progress
+        if state.left_m is None:
+            return -math.inf
+        return state.left_m + (0.0 if state.left_turned else self.config.gap_m)
 
     def _dipped(self, known: Junction, at_m: float) -> bool:
         fall_m = known.fall_m
@@ -151,10 +157,7 @@ class JunctionDetector:
 
     def _too_close(self, found: Junction) -> bool:
         """Return whether the candidate cannot be another junction than the last one, or not yet."""
-        state = self._progress
-        if state.left_m is None:
-            return False
         if found.fall_m is not None and found.fall_m + self.band.d_near_m < self._free_m:
-            state.candidate = None
+            self._progress.candidate = None
             return True
-        return state.odometer_m < self._free_m
+        return self._progress.odometer_m < self._free_m

@@ -107,8 +107,7 @@ class Navigator:
         previous = self.progress.count
         self.progress.mission, self.progress.count = mission, 0
         if self.progress.junction is not None:
-            self.progress.left_m = self.progress.odometer_m
-        self.progress.leave_m = self.progress.junction = self.progress.turned = None
+            self._pass_junction()
         self.progress.phase = Phase.WAITING
         self._blocked = self._note = ""
         return Reply(accepted=True, reason=f"the count starts at 0 (it was {previous})")
@@ -292,6 +291,7 @@ class Navigator:
         self._event(EventKind.TURN_FINISHED)
         state.axis_rad = self._sight.agreed_rad
         state.leave_m = state.odometer_m + self._plan.reach_m + self._plan.exit_margin_m
+        self._detector.forget()
         state.turned = self._under_way.model_copy(update={"ended_m": state.odometer_m})
         state.turn, state.phase = None, Phase.FOLLOWING
         self._astray = False
@@ -318,17 +318,18 @@ class Navigator:
     def _leave(self) -> None:
         """The junction is behind: the mission goes on or is finished."""
         state = self.progress
-        turned = state.leave_m is not None
         self._event(EventKind.LEFT)
-        state.left_m, state.leave_m, state.junction = state.odometer_m, None, None
-        state.turned = None
+        self._pass_junction()
         state.phase = Phase.FOLLOWING
         self._sightings.forget(state.left_m)
-        if turned:
-            self._detector.forget()
         if state.at_last_junction:
             state.phase = Phase.FINISHED
             self._event(EventKind.MISSION_FINISHED)
+
+    def _pass_junction(self) -> None:
+        state = self.progress
+        state.left_m, state.left_turned = state.odometer_m, state.leave_m is not None
+        state.leave_m = state.junction = state.turned = None
 
     def _finished(self) -> Velocity:
         return self._wait("the mission is finished")

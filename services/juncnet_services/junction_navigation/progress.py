@@ -184,6 +184,8 @@ class Progress(BaseModel):
     """Odometer reading at which a junction where the robot turned is left."""
     left_m: float | None = None
     """Odometer reading where the last junction was left."""
+    left_turned: bool = False
+    """Whether the robot turned there."""
 
     @property
     def turn_here(self) -> Turn:
