@@ -14,6 +14,7 @@ from juncnet.learning.datasets import (
     write_dataset,
     write_info,
 )
+from juncnet.learning.evaluate import sites_of
 from juncnet.learning.samples import Samples
 
 INFO = DatasetInfo(classes=("none", "junction"), made_by="a test")
@@ -60,7 +61,22 @@ def test_class_folders_alone(tmp_path: Path) -> None:
     write_pictures(tmp_path)
     dataset = open_dataset(tmp_path)
     assert dataset.classes == ("none", "junction")
-    assert sorted(dataset.site.tolist()) == ["0", "1", "2"]
+    assert len(set(dataset.site.tolist())) == 3
+    assert not sites_of(dataset)[1]
+
+
+def test_a_folder_a_site_in_class_folders(tmp_path: Path) -> None:
+    for name in ("junction/elm", "none/elm", "none/oak"):
+        (tmp_path / name).mkdir(parents=True)
+        for number in range(2):
+            cv2.imwrite(str(tmp_path / name / f"{number}.png"), np.zeros((4, 4, 3), np.uint8))
+    dataset = open_dataset(tmp_path)
+    assert dataset.site.tolist() == ["elm", "elm", "oak", "oak", "elm", "elm"]
+    assert sites_of(dataset)[1]
+    cv2.imwrite(str(tmp_path / "none" / "0.png"), np.zeros((4, 4, 3), np.uint8))
+    with_one_alone = open_dataset(tmp_path)
+    assert set(with_one_alone.site.tolist()) == {"none/0", "elm", "oak"}
+    assert not sites_of(with_one_alone)[1]
 
 
 def test_shards_stay_on_disk_and_are_read_in_any_order(tmp_path: Path) -> None:

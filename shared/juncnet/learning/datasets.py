@@ -7,7 +7,8 @@ A dataset is a folder with `dataset.json` (`DatasetInfo`: the classes, how it wa
 - shards: `*.npz` files of equal pictures (`juncnet.learning.samples.Samples`), named in
   `dataset.json`, whose pictures stay on disk until they are asked for.
 
-A folder without `dataset.json` is read as class folders: each folder in it is a class.
+A folder without `dataset.json` is read as class folders: each folder in it is a class, each folder
+in that a site, `CLASS/picture.jpg` or `CLASS/SITE/picture.jpg`.
 """
 
 import csv
@@ -30,6 +31,8 @@ INFO, TABLE = "dataset.json", "samples.csv"
 COLUMNS = ("path", "class", "clip", "site", "split", "time_s")
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
 Split = Literal["", "train", "validation", "test"]
+CLASS_FOLDERS, SITE_FOLDERS = "class folders", "class folders with a folder a site"
+"""What made a dataset without `dataset.json`; the former: of some pictures nobody told the site."""
 SPLITS: tuple[Split, ...] = ("", "train", "validation", "test")
 """Which part of a dataset a picture belongs to; empty: nobody has decided."""
 Bytes = NDArray[np.uint8]
@@ -237,25 +240,27 @@ def _from_rows(folder: Path, info: DatasetInfo, rows: list[Row]) -> Dataset:
 
 
 def _from_class_folders(folder: Path) -> Dataset:
-    """Read class folders; each picture is a clip and site of its own, nothing being known."""
-    classes = sorted(p.name for p in folder.iterdir() if p.is_dir() and _pictures(p))
-    classes.sort(key=lambda name: name != "none")
+    """Read class folders; a picture in no folder of a site is taken for a site of its own."""
+    pictures = {p.name: found for p in folder.iterdir() if p.is_dir() and (found := _pictures(p))}
+    classes = sorted(pictures, key=lambda name: (name != "none", name))
     if len(classes) < 2:
         raise DatasetError(
             f"{folder}: no {INFO}, and fewer than two class folders with pictures; "
             "`juncnet dataset extract` and `juncnet dataset label` make datasets"
         )
-    info = DatasetInfo(classes=tuple(classes), made_by="class folders")
-    rows = [
-        Row(f"{name}/{path.name}", name, path.stem, path.stem)
-        for name in classes
-        for path in _pictures(folder / name)
-    ]
-    return _from_rows(folder, info, rows)
+    rows: list[Row] = []
+    for name in classes:
+        for path in pictures[name]:
+            inside = path.relative_to(folder / name).parent
+            site = inside.as_posix() if inside.name else f"{name}/{path.stem}"
+            rows.append(Row(path.relative_to(folder).as_posix(), name, site, site))
+    alone = any(path.parent == folder / name for name in classes for path in pictures[name])
+    made_by = CLASS_FOLDERS if alone else SITE_FOLDERS
+    return _from_rows(folder, DatasetInfo(classes=tuple(classes), made_by=made_by), rows)
 
 
 def _pictures(folder: Path) -> list[Path]:
-    return sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
+    return sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES)
 
 
 def _from_shards(folder: Path, info: DatasetInfo) -> Dataset:

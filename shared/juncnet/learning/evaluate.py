@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from juncnet.features import Extractor
 from juncnet.inference import Network
-from juncnet.learning.datasets import Dataset
+from juncnet.learning.datasets import CLASS_FOLDERS, Dataset
 from juncnet.learning.evaluation.answers import NONE, Answers
 from juncnet.learning.evaluation.metrics import balanced_accuracy, confusion_matrix
 from juncnet.learning.evaluation.scores import Latency
@@ -90,7 +90,7 @@ def sites_of(data: Dataset) -> tuple[NDArray[np.str_], bool]:
     single = np.array([f"picture {i}" for i in range(len(data))], np.str_)
     clips = np.where(data.clip == "", single, data.clip)
     sites = np.where(data.site == "", clips, data.site)
-    known = bool((data.site != "").all()) and data.info.made_by != "class folders"
+    known = bool((data.site != "").all()) and data.info.made_by != CLASS_FOLDERS
     return np.asarray(sites, np.str_), known
 
 
