@@ -7,6 +7,7 @@ give the newest frame only, whole, with its own header.
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -51,7 +52,7 @@ class FrameLayout:
         if not least <= self.stride <= 65536:
             raise MessageError(f"Frame.stride: {self.stride} outside {least}..65536")
 
-    @property
+    @cached_property
     def nbytes(self) -> int:
         """Number of bytes of the picture."""
         planar = self.format in (PixelFormat.I420, PixelFormat.NV12)
@@ -157,7 +158,7 @@ class FrameLoan(Protocol):
         ...
 
     def send(self, header: Stamp) -> None:
-        """Send the pixels under this header. Never blocks."""
+        """Send the pixels under this header. Waits for no reader."""
         ...
 
 

@@ -6,9 +6,8 @@ alone is what wakes readers and tells observers that there is a new picture.
 
 import struct
 import zlib
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -24,8 +23,9 @@ PIXELS_KEY = "@pixels"
 """Chunk below a frame topic's key for whole frames; `*` and `**` never match a chunk with `@`, so
 nobody asks for raw pixels by watching everything."""
 
-_FIELDS = struct.Struct("<8sHBBIIIQQQQQQQB128s")
+_FIELDS = struct.Struct("<8sHBBIIIQQQQQQQB128s43x")
 _CHECK = struct.Struct("<I")
+_BODY_BYTES = PREFIX_BYTES - _CHECK.size
 _FORMATS: tuple[PixelFormat, ...] = (
     PixelFormat.I420,
     PixelFormat.NV12,
@@ -34,8 +34,7 @@ _FORMATS: tuple[PixelFormat, ...] = (
 )
 
 
-@dataclass(frozen=True)
-class FramePrefix:
+class FramePrefix(NamedTuple):
     """What stands before the pixels. `writer` and `serial` number the samples of one writer."""
 
     header: Stamp
@@ -47,7 +46,7 @@ class FramePrefix:
         """Return the prefix as `PREFIX_BYTES` bytes, little-endian, its CRC-32 at the end."""
         clock = self.header.clock.encode()
         layout = self.layout
-        fields = _FIELDS.pack(
+        body = _FIELDS.pack(
             MAGIC,
             VERSION,
             _FORMATS.index(layout.format),
@@ -65,7 +64,6 @@ class FramePrefix:
             len(clock),
             clock,
         )
-        body = fields.ljust(PREFIX_BYTES - _CHECK.size, b"\0")
         return body + _CHECK.pack(zlib.crc32(body))
 
     @classmethod
@@ -97,11 +95,11 @@ def _values(data: bytes) -> tuple[Any, ...]:
     """Return the fields of the undamaged prefix at the beginning of `data`."""
     if len(data) < PREFIX_BYTES:
         raise MessageError(f"Frame.prefix: {len(data)} bytes, needs {PREFIX_BYTES}")
-    body = data[: PREFIX_BYTES - _CHECK.size]
-    values: tuple[Any, ...] = _FIELDS.unpack_from(body)
+    body = data[:_BODY_BYTES]
+    values: tuple[Any, ...] = _FIELDS.unpack(body)
     if values[0] != MAGIC or values[1] != VERSION:
         raise MessageError(f"Frame.prefix: not a frame of version {VERSION}")
-    if _CHECK.unpack_from(data, len(body))[0] != zlib.crc32(body):
+    if _CHECK.unpack_from(data, _BODY_BYTES)[0] != zlib.crc32(body):
         raise MessageError("Frame.prefix: damaged, its checksum differs")
     return values
 

@@ -61,7 +61,7 @@ class ZenohFrameLoan:
         return np.frombuffer(self._buffer, np.uint8, offset=PREFIX_BYTES)
 
     def send(self, header: Stamp) -> None:
-        """Send the pixels under this header. Never blocks."""
+        """Send the pixels under this header. Waits for no reader."""
         self._writer.finish(self._buffer, header, self._layout)
 
 
