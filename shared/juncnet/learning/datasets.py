@@ -254,7 +254,7 @@ def _from_class_folders(folder: Path) -> Dataset:
             inside = path.relative_to(folder / name).parent
             site = inside.as_posix() if inside.name else f"{name}/{path.stem}"
             rows.append(Row(path.relative_to(folder).as_posix(), name, site, site))
-    alone = any(path.parent == folder / name for name in classes for path in pictures[name])
+    alone = any(row.path.count("/") == 1 for row in rows)
     made_by = CLASS_FOLDERS if alone else SITE_FOLDERS
     return _from_rows(folder, DatasetInfo(classes=tuple(classes), made_by=made_by), rows)
 
