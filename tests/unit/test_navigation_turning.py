@@ -76,6 +76,15 @@ def test_a_search_in_vain_goes_on_away_from_the_way_straight_on(angle_deg: float
     assert middle * outwards - within == pytest.approx(-math.radians(35))
 
 
+def test_a_long_search_ends_with_every_road_near_the_angle() -> None:
+    config, turn = TurnConfig(), Turn(at=1, angle_deg=45.0)
+    assert turning.search_arc(turn, 0.0, config) == (0.0, math.radians(22.5))
+    middle, within = turning.search_arc(turn, 6.0, config)
+    assert middle - within == pytest.approx(-math.radians(22.5))
+    assert turning.search_arc(turn, 12.0, config) == (0.0, config.search_rad)
+    assert config.timeout_s > 12.0
+
+
 @pytest.mark.parametrize(("in_place", "expected_deg"), [(True, 45.0), (False, -10.0)])
 def test_before_its_road_a_robot_goes_by_the_part_in_view(
     in_place: bool, expected_deg: float

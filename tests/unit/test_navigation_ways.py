@@ -130,6 +130,20 @@ def test_the_way_on_bends_where_the_surface_ends_ahead(
     assert (wanted.yaw_rate_radps == pytest.approx(0.0)) is not turned
 
 
+@pytest.mark.parametrize(("leads_deg", "turned"), [(30.0, True), (-12.0, False)])
+def test_a_line_that_bends_into_another_arm_is_no_way_on(leads_deg: float, turned: bool) -> None:
+    """It begins on the robot's road and ends in an arm 60 degrees aside, its middle between."""
+    flown, wanted = navigator(crossing()), Velocity()
+    leads, line = math.radians(leads_deg), ((2.5, -0.2), (4.8, 0.8), (6.3, 2.3), (7.9, 4.7))
+    for number in range(1, 16):
+        seen = road(number, 0.0, 9.0 - 0.08 * number, confidence=0.7)
+        assert seen.road is not None
+        bent = seen.road.model_copy(update={"heading_rad": leads, "centre": line})
+        wanted = step(flown, number, seen.model_copy(update={"road": bent}))
+    assert flown.progress.phase is Phase.CROSSING
+    assert (wanted.yaw_rate_radps > 0.3) is turned
+
+
 @pytest.mark.parametrize(
     ("towards_deg", "leads_deg", "ends_m", "taken"),
     [
@@ -269,15 +283,6 @@ def test_the_axis_of_a_bend_does_not_lag_behind_it() -> None:
         seen = RoadSeen(offset_m=0.0, heading_rad=0.0, width_m=6.0, curvature_1pm=1 / radius_m)
         axis.see(road(number, 0.0).model_copy(update={"road": seen}), yaw, step_s)
     assert state.axis_rad == pytest.approx(yaw, abs=0.01)
-
-
-def test_a_long_search_ends_with_every_road_near_the_angle() -> None:
-    config, turn = TurnConfig(), Turn(at=1, angle_deg=45.0)
-    assert turning.search_arc(turn, 0.0, config) == (0.0, math.radians(22.5))
-    middle, within = turning.search_arc(turn, 6.0, config)
-    assert middle - within == pytest.approx(-math.radians(22.5))
-    assert turning.search_arc(turn, 12.0, config) == (0.0, config.search_rad)
-    assert config.timeout_s > 12.0
 
 
 @pytest.mark.parametrize(("part", "counted"), [(0.5, False), (0.7, True)])

@@ -14,6 +14,7 @@ from juncnet.messages import (
     VehicleState,
 )
 from juncnet.topics import JUNCTION_SCORE, ROAD_COMMAND
+from juncnet_services.junction_navigation import turning
 from juncnet_services.junction_navigation.config import NavigatorConfig
 
 CERTAIN = 0.6
@@ -166,6 +167,19 @@ class Inputs:
         centre = self._seen.centre
         x_m, y_m = centre[len(centre) // 2]
         return yaw_rad + math.atan2(y_m, x_m)
+
+    @property
+    def road_bent(self) -> bool:
+        """Whether the seen line bends faster than roads do, on its way to its middle.
+
+        It begins on the robot's road then and ends in another arm of the junction.
+        """
+        if self._seen is None or len(self._seen.centre) < 2:
+            return False
+        centre = self._seen.centre
+        before, middle = centre[len(centre) // 2 - 1 : len(centre) // 2 + 1]
+        direction = math.atan2(middle[1] - before[1], middle[0] - before[0])
+        return abs(direction - self._seen.heading_rad) > turning.bent_rad(math.hypot(*middle))
 
     def _see(self, header: Stamp) -> None:
         newest = self.header

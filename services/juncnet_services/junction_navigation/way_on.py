@@ -36,7 +36,7 @@ def sees_way_on(
     leads_rad = state.yaw_rad + inputs.road_heading_rad
     seen = SeenWay(leads_rad=leads_rad, at_m=state.odometer_m)
     if plan.ends_here and junction.axis_rad is not None:
-        near = abs(towards_rad - junction.axis_rad) <= FARTHEST_RAD
+        near = abs(towards_rad - junction.axis_rad) <= FARTHEST_RAD and not inputs.road_bent
         if near and inputs.road_certain:
             junction.way = junction.way or seen
         likely = inputs.road_confidence >= LIKELY and junction.way is None
