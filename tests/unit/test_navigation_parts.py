@@ -118,6 +118,17 @@ def test_a_long_rise_that_is_never_sure_is_no_junction() -> None:
     assert detector.next_junction() is not None
 
 
+@pytest.mark.parametrize(("part", "counted"), [(0.5, False), (0.7, True)])
+def test_a_score_that_lasts_is_a_junctions_though_it_is_never_certain(
+    part: float, counted: bool
+) -> None:
+    state = progress()
+    detector = JunctionDetector(DetectorConfig(), BAND, state)
+    state.candidate = Junction(rise_m=10.0, probability=0.8)
+    state.odometer_m = 10.0 + part * (BAND.d_far_m - BAND.d_near_m)
+    assert (detector.next_junction() is not None) is counted
+
+
 def test_nothing_is_counted_right_behind_a_junction() -> None:
     state = progress()
     detector = JunctionDetector(DetectorConfig(gap_m=3.0), BAND, state)

@@ -13,7 +13,8 @@ AXIS_S, AXIS_STEP_S = 0.4, 0.1
 WIDTH_WEIGHT = 0.2
 """Of a view's width, relative to that of its direction."""
 SIDE_ARM_RAD = 0.35
-"""A road that leads so far aside, before a junction, is a side arm of it."""
+"""A road that leads so far aside, before a junction, is a side arm of it; and so far aside of its
+road a robot that follows it looks at most."""
 
 
 class RoadAxis:
@@ -30,10 +31,17 @@ class RoadAxis:
 
         One far off is of a side arm before a junction, elsewhere of another road. Nothing is
         learned where a side arm may mislead the follower. A mean lags behind: on a bend, every view
-        stands for where the robot will be when the mean has followed.
+        stands for where the robot will be when the mean has followed. A robot that follows its road
+        looks along it, whatever line was taken for the road for a while.
         """
         if not self._steered:
             return
+        self._learn(road, yaw, elapsed_s)
+        axis = self._progress.axis_rad
+        if axis is not None and self._progress.phase is Phase.FOLLOWING:
+            self._progress.axis_rad = min(max(axis, yaw - SIDE_ARM_RAD), yaw + SIDE_ARM_RAD)
+
+    def _learn(self, road: RoadCommand, yaw: float, elapsed_s: float) -> None:
         direction = yaw
         if road.road is not None:
             lag_m = max(self._progress.speed_mps, 0.0) * AXIS_S
