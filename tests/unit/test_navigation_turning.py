@@ -6,8 +6,9 @@ import pytest
 
 from juncnet.messages import Capabilities, RoadCommand, RoadSeen, Stamp, Turn, Velocity
 from juncnet_services.junction_navigation import turning
-from juncnet_services.junction_navigation.config import TurnConfig
+from juncnet_services.junction_navigation.config import NavigatorConfig, TurnConfig
 from juncnet_services.junction_navigation.progress import TurnProgress
+from juncnet_services.junction_navigation.road_sight import RoadSight
 
 
 def test_an_arc_of_a_right_angle_begins_a_radius_before_the_corner() -> None:
@@ -29,7 +30,7 @@ def test_the_way_straight_on_is_no_turns_road() -> None:
     slight = Turn(at=1, angle_deg=40.0)
     middle, within = turning.search_arc(slight, 0.0, config)
     assert middle == 0.0
-    sight = turning.RoadSight(config)
+    sight = RoadSight(NavigatorConfig())
     for _ in range(5):  # the road straight on, sought 40 degrees to its left
         sight.look(0.0, 0.0, math.radians(40), within)
     assert sight.agreed_rad is None
@@ -108,7 +109,7 @@ def test_before_its_road_a_robot_goes_by_the_part_in_view(
 
 
 def test_a_view_that_flickers_after_it_was_agreed_on_still_is() -> None:
-    sight = turning.RoadSight(TurnConfig(frames=3))
+    sight = RoadSight(NavigatorConfig(turn=TurnConfig(frames=3)))
     agreed: list[bool] = []
     for heading in (0.0, 0.0, 0.0, 0.0, 0.0, None, 0.0, None, None):
         sight.look(heading, 1.5, 1.57, 0.8)
@@ -117,7 +118,7 @@ def test_a_view_that_flickers_after_it_was_agreed_on_still_is() -> None:
 
 
 def test_agreement_takes_frames_in_a_row() -> None:
-    sight = turning.RoadSight(TurnConfig(frames=3))
+    sight = RoadSight(NavigatorConfig(turn=TurnConfig(frames=3)))
     for heading in (0.0, 0.0, None, 0.0, 0.0):
         sight.look(heading, 1.5, 1.57, 0.8)
     assert sight.agreed_rad is None

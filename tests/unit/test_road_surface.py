@@ -41,10 +41,10 @@ def test_the_ground_beside_and_behind_is_known_from_the_pictures_before() -> Non
         yaw += step_rad
         memory.see(mask(road, x_m, y_m, yaw))
     seen = memory.around()
-    assert (len(seen.rows), len(seen.rows[0])) == (37, 57)
+    assert (len(seen.rows), len(seen.rows[0])) == (65, 81)
     cells = np.array([list(row) for row in seen.rows])
     x, y = np.meshgrid(
-        seen.x_m + 0.25 * np.arange(37), seen.y_m - 0.25 * np.arange(57), indexing="ij"
+        seen.x_m + 0.25 * np.arange(65), seen.y_m - 0.25 * np.arange(81), indexing="ij"
     )
     c, s = math.cos(yaw), math.sin(yaw)
     truth = road(x_m + c * x - s * y, y_m + s * x + c * y)

@@ -25,6 +25,7 @@ from juncnet_services.junction_navigation.odometry import Odometry
 from juncnet_services.junction_navigation.plan import JunctionPlan
 from juncnet_services.junction_navigation.progress import Progress, TurnProgress
 from juncnet_services.junction_navigation.report import EventLog, state_of
+from juncnet_services.junction_navigation.road_sight import RoadSight
 from juncnet_services.junction_navigation.sightings import Sightings
 from juncnet_services.junction_navigation.speed import (
     NO_MOTION,
@@ -65,7 +66,7 @@ class Navigator:
         self._plan = JunctionPlan(config, self.progress)
         self._axis = RoadAxis(config, self.progress, self._plan, self._inputs)
         self._helm = Helm(config, self.progress, self._plan, self._inputs)
-        self._sight = turning.RoadSight(config.turn)
+        self._sight = RoadSight(config)
         self._elapsed_s = 0.0
         self._astray = False
         """Whether the follower's road, behind a turn, is another one than that was made into."""
@@ -137,13 +138,7 @@ class Navigator:
             aside_rad = yaw - self.progress.heading_rad
             self._sightings.see(road.road, at_m, self._inputs.road_trust >= 1, aside_rad)
         if self.progress.turn is not None:
-            turn = self.progress.turn
-            middle, within = turning.search_arc(
-                turn.turn, turn.aligning_s, self.config.turn, turn.held_back
-            )
-            sure = road.confidence >= self.config.sight_confidence
-            heading = turning.seen_heading_rad(road, turn.in_place) if sure else None
-            self._sight.look(heading, yaw, turn.nominal_rad + middle, within)
+            self._sight.see(road, yaw, self.progress.turn)
             return
         if self.progress.turned is not None:
             turned = self.progress.turned
@@ -256,7 +251,7 @@ class Navigator:
         held_back = turning.is_held_back(turn, state.odometer_m, state.yaw_rad)
         turn.held_back = turn.held_back or held_back
         middle, within = turning.search_arc(turn.turn, 0.0, self.config.turn, turn.held_back)
-        near = abs(error + middle) <= within
+        near = turn.arm_rad is not None or abs(error + middle) <= within
         seen = near and self._sight.agreed_rad is not None
         if seen or abs(error) <= self.config.turn.tolerance_rad:
             state.phase = Phase.ALIGNING

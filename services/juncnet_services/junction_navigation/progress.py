@@ -115,6 +115,8 @@ class TurnProgress(BaseModel):
     turn: Turn
     nominal_rad: float
     """Yaw that the mission asks for."""
+    arm_rad: float | None = None
+    """Bearing of its road, where a map of the surface shows it."""
     radius_m: float = Field(default=0.0, ge=0)
     """Of the arc; 0: in place."""
     started_m: float = 0.0
@@ -142,7 +144,13 @@ class TurnProgress(BaseModel):
     @property
     def searching_anew(self) -> "TurnProgress":
         """This turn with its search for the road begun again."""
-        begun = {"aligning_s": 0.0, "aligning_from_m": None, "ended_m": None, "lost_s": 0.0}
+        begun = {
+            "aligning_s": 0.0,
+            "aligning_from_m": None,
+            "arm_rad": None,
+            "ended_m": None,
+            "lost_s": 0.0,
+        }
         return self.model_copy(update={**begun, "searched_anew": self.searched_anew + 1})
 
 

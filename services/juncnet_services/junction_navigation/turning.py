@@ -18,10 +18,13 @@ BEND_RADIUS_M = 15.0
 """and the farther the robot has gone, the more the road may have bent."""
 HELD_BACK_RAD = 0.5
 """How far aside a road leads at least that an arc may lead onto that was held back."""
+ANGLE_RAD, LEAST_ASIDE_RAD, BACK_RAD = (math.radians(angle) for angle in (55, 20, 155))
+"""How far off an angle that is said an arm may be; how far aside one that is left or right leads at
+least and at most."""
+SAME_ARM_RAD = 0.2
+"""Bearings of an arm and of a line on it that differ by so much may still be of the same road."""
 LONGER_M = 1.2
 """How much longer an arc may be than one that turns the robot as far."""
-MISS = 2
-"""Frames with a view that one without it outweighs."""
 
 
 def angle_rad(turn: Turn) -> float:
@@ -123,6 +126,26 @@ def seen_heading_rad(road: RoadCommand, in_place: bool) -> float | None:
     return None if road.velocity is None else road.velocity.yaw_rate_radps
 
 
+def bearing_rad(seen: RoadSeen) -> float:
+    """Return where from the robot the middle of the part in view of a seen road lies."""
+    if not seen.centre:
+        return seen.heading_rad
+    x_m, y_m = seen.centre[len(seen.centre) // 2]
+    return math.atan2(y_m, x_m)
+
+
+def arm_limits_rad(turn: Turn) -> tuple[float, float]:
+    """Return (right, left): between which bearings, from the robot's road, a turn's arm lies.
+
+    `left` and `right` mean the nearest to a right angle of what leads neither on nor back.
+    """
+    angle = angle_rad(turn)
+    if turn.angle_deg is not None or is_straight(turn):
+        return angle - ANGLE_RAD, angle + ANGLE_RAD
+    least, most = sorted((math.copysign(LEAST_ASIDE_RAD, angle), math.copysign(BACK_RAD, angle)))
+    return least, most
+
+
 def bent_rad(driven_m: float) -> float:
     """Return how far a road may lead off where it was known to lead so many metres before."""
     return ASTRAY_RAD + driven_m / BEND_RADIUS_M
@@ -137,8 +160,11 @@ def is_astray(
     """
     if road.road is None:
         return False
-    middle, within = search_arc(turn.turn, turn.aligning_s, config, turn.held_back)
     driven_m = 0.0 if turn.ended_m is None else at_m - turn.ended_m
+    if turn.arm_rad is not None:
+        apart_rad = yaw + bearing_rad(road.road) - turn.arm_rad
+        return abs(apart_rad) > SAME_ARM_RAD + bent_rad(driven_m)
+    middle, within = search_arc(turn.turn, turn.aligning_s, config, turn.held_back)
     direction = yaw + leads_rad(road.road, turn.in_place)
     return abs(direction - turn.nominal_rad - middle) > within + bent_rad(driven_m)
 
@@ -153,50 +179,3 @@ def sweep_rad(seconds: float, sign: float, limit: float, config: TurnConfig) -> 
         return 0.0
     there = math.remainder(path, 4 * limit)
     return sign * (math.copysign(2 * limit, there) - there if abs(there) > limit else there)
-
-
-class RoadSight:
-    """Whether the last frames agree on the direction of the next road."""
-
-    def __init__(self, config: TurnConfig) -> None:
-        self._config = config
-        self._agreeing = 0
-        self._aligned = 0
-        self.direction_rad: float | None = None
-        """Unwrapped yaw of the road seen last, agreed on or not."""
-
-    def look(self, heading: float | None, yaw: float, nominal: float, within: float) -> None:
-        """Take a view from `yaw` of a road, sought `within` so much of `nominal`, or of none.
-
-        One of none counts against two that agreed; a road too far from `nominal` ends the row.
-        """
-        if heading is None:
-            self._agreeing = max(self._agreeing - MISS, 0)
-            self._aligned = max(self._aligned - MISS, 0)
-            return
-        direction = yaw + heading
-        if abs(direction - nominal) > within + self._config.sweep_step_rad:
-            self.reset()
-            return
-        previous = self.direction_rad
-        near = previous is not None and abs(direction - previous) <= self._config.sweep_step_rad * 2
-        enough = self._config.frames + MISS
-        self._agreeing = min(self._agreeing + 1, enough) if near else 1
-        aligned = abs(heading) <= self._config.aligned_rad
-        self._aligned = min(self._aligned + 1, enough) if aligned else 0
-        self.direction_rad = direction
-
-    @property
-    def agreed_rad(self) -> float | None:
-        """Direction of the next road, once enough frames agree."""
-        return self.direction_rad if self._agreeing >= self._config.frames else None
-
-    @property
-    def aligned(self) -> bool:
-        """Whether the robot looks along the next road."""
-        return self.agreed_rad is not None and self._aligned >= self._config.frames
-
-    def reset(self) -> None:
-        """Forget all frames."""
-        self._agreeing = self._aligned = 0
-        self.direction_rad = None

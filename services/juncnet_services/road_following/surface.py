@@ -16,7 +16,7 @@ from juncnet.camera import CameraGeometry
 from juncnet.messages import RoadSurface
 
 Array = NDArray[np.float64]
-KEPT = 16
+KEPT = 24
 """Masks that are kept,"""
 APART_M, APART_RAD = 0.4, 0.12
 """each from at least so far on, or turned by so much."""
@@ -24,7 +24,7 @@ BORDER = 0.02
 """Part of the picture along its border that is not believed."""
 FARTHEST_HEIGHTS = 5.0
 """Farther off, in camera heights, a mask is too coarse."""
-CELL_M, REAR_M, LEFT_M, ROWS, COLUMNS = 0.25, -1.0, 7.0, 37, 57
+CELL_M, REAR_M, LEFT_M, ROWS, COLUMNS = 0.25, -4.0, 10.0, 65, 81
 """The map: size of a cell, middle of the first one, number of cells ahead and across."""
 ROAD, OFF_ROAD, UNSEEN = (ord(mark) for mark in "#. ")
 

@@ -156,8 +156,9 @@ class VisionFollower:
     def _surface_around(
         self, probability: NDArray[np.float32], state: VehicleState | None
     ) -> RoadSurface | None:
-        """Return the road's surface around a vehicle that needs room to turn."""
-        if state is None or state.capabilities.turns_in_place:
+        """Return the road's surface around a vehicle that tells how it moves."""
+        if state is None or state.velocity is None:
+            self._surface = None
             return None
         if self._surface is None:
             self._surface = SurfaceMemory(self._camera)

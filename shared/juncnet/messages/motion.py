@@ -3,7 +3,7 @@
 import json
 from enum import StrEnum
 from functools import cached_property
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,11 @@ class RoadSurface(Message):
     seen. Rows from rear to front.
     """
 
+    UNSEEN: ClassVar[int] = 0
+    OFF_ROAD: ClassVar[int] = 1
+    ROAD: ClassVar[int] = 2
+    """What it says of a point."""
+
     x_m: float = Field(ge=-100, le=100)
     """Of the middles of the first row's cells, forward."""
     y_m: float = Field(ge=-100, le=100)
@@ -75,18 +80,25 @@ class RoadSurface(Message):
         return self
 
     @cached_property
-    def _off_road(self) -> NDArray[np.bool_]:
+    def _classes(self) -> NDArray[np.int8]:
         cells = np.frombuffer("".join(self.rows).encode(), np.uint8)
-        return cells.reshape(len(self.rows), -1) == ord(".")
+        classes = np.full(cells.size, self.UNSEEN, np.int8)
+        classes[cells == ord("#")] = self.ROAD
+        classes[cells == ord(".")] = self.OFF_ROAD
+        return classes.reshape(len(self.rows), -1)
 
-    def off_road(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which of some points (x forward, y left, metres) are seen to be no road."""
-        rows, columns = self._off_road.shape
+    def classes(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.int8]:
+        """Return ROAD, OFF_ROAD or UNSEEN for points (x forward, y left, metres)."""
+        rows, columns = self._classes.shape
         i = np.rint((x_m - self.x_m) / self.cell_m).astype(np.intp)
         j = np.rint((self.y_m - y_m) / self.cell_m).astype(np.intp)
         inside = (i >= 0) & (i < rows) & (j >= 0) & (j < columns)
-        off = self._off_road[np.clip(i, 0, rows - 1), np.clip(j, 0, columns - 1)]
-        return inside & off
+        found = self._classes[np.clip(i, 0, rows - 1), np.clip(j, 0, columns - 1)]
+        return np.where(inside, found, np.int8(self.UNSEEN))
+
+    def off_road(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which of some points (x forward, y left, metres) are seen to be no road."""
+        return self.classes(x_m, y_m) == self.OFF_ROAD
 
 
 class RoadCommand(Message):
@@ -98,7 +110,7 @@ class RoadCommand(Message):
     confidence: Probability
     road: RoadSeen | None = None
     surface: RoadSurface | None = None
-    """Of followers that tell it, for vehicles that cannot turn in place."""
+    """Of followers that tell it: where a junction's arms lead, and where arcs may."""
 
 
 class LoadFollower(Message):

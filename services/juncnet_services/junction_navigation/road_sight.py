@@ -1,0 +1,95 @@
+"""Whether, in a turn, the next road is in sight, and in which direction."""
+
+from juncnet.messages import RoadCommand
+from juncnet_services.junction_navigation import turning
+from juncnet_services.junction_navigation.arms import arms
+from juncnet_services.junction_navigation.config import NavigatorConfig
+from juncnet_services.junction_navigation.progress import TurnProgress
+
+MISS = 2
+"""Frames with a view that one without it outweighs."""
+
+
+class RoadSight:
+    """Whether the last frames agree on the direction of the next road."""
+
+    def __init__(self, config: NavigatorConfig) -> None:
+        self._config, self._confidence = config.turn, config.sight_confidence
+        self._agreeing = 0
+        self._aligned = 0
+        self.direction_rad: float | None = None
+        """Unwrapped yaw of the road seen last, agreed on or not."""
+
+    def see(self, road: RoadCommand, yaw: float, turn: TurnProgress) -> None:
+        """Take a follower's view from `yaw`, in a turn.
+
+        On the spot, the arms that a map of the surface shows say where the road of the turn leads;
+        the follower must be sure of the same one before it takes over.
+        """
+        sure = road.confidence >= self._confidence
+        if turn.in_place and road.surface is not None:
+            axis_rad = turn.nominal_rad - turning.angle_rad(turn.turn)
+            right_rad, left_rad = (
+                axis_rad - yaw + limit for limit in turning.arm_limits_rad(turn.turn)
+            )
+            found = arms(road.surface)
+            bearing = found.towards(turn.nominal_rad - yaw, right_rad, left_rad)
+            if bearing is not None:
+                same = (
+                    sure
+                    and road.road is not None
+                    and abs(turning.bearing_rad(road.road) - bearing) <= turning.SAME_ARM_RAD
+                )
+                self.look(bearing, yaw, yaw + bearing, 0.0, same)
+                turn.arm_rad = self.agreed_rad
+                return
+        turn.arm_rad = None
+        middle, within = turning.search_arc(
+            turn.turn, turn.aligning_s, self._config, turn.held_back
+        )
+        heading = turning.seen_heading_rad(road, turn.in_place) if sure else None
+        self.look(heading, yaw, turn.nominal_rad + middle, within)
+
+    def look(
+        self,
+        heading: float | None,
+        yaw: float,
+        nominal: float,
+        within: float,
+        followed: bool = True,
+    ) -> None:
+        """Take a view from `yaw` of a road, sought `within` so much of `nominal`, or of none.
+
+        One of none counts against two that agreed; a road too far from `nominal` ends the row.
+        `followed`: whether a follower may take over on it.
+        """
+        if heading is None:
+            self._agreeing = max(self._agreeing - MISS, 0)
+            self._aligned = max(self._aligned - MISS, 0)
+            return
+        direction = yaw + heading
+        if abs(direction - nominal) > within + self._config.sweep_step_rad:
+            self.reset()
+            return
+        previous = self.direction_rad
+        near = previous is not None and abs(direction - previous) <= self._config.sweep_step_rad * 2
+        enough = self._config.frames + MISS
+        self._agreeing = min(self._agreeing + 1, enough) if near else 1
+        aligned = followed and abs(heading) <= self._config.aligned_rad
+        self._aligned = min(self._aligned + 1, enough) if aligned else 0
+        self.direction_rad = direction
+
+    @property
+    def agreed_rad(self) -> float | None:
+        """Direction of the next road, once enough frames agree."""
+        return self.direction_rad if self._agreeing >= self._config.frames else None
+
+    @property
+    def aligned(self) -> bool:
+        """Whether the robot looks along the next road."""
+        return self.agreed_rad is not None and self._aligned >= self._config.frames
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._agreeing = self._aligned = 0
+        self.direction_rad = None
