@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juncnet.camera import CameraGeometry
-from juncnet_services.road_following.surface import SurfaceMemory
+from juncnet_services.road_following.surface import KEPT_M, OFF_ROAD, ROAD, UNSEEN, SurfaceMemory
 
 CAMERA = CameraGeometry(height_m=2.2, pitch_rad=0.3)
 Road = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
@@ -57,18 +57,32 @@ def test_the_ground_beside_and_behind_is_known_from_the_pictures_before() -> Non
 def test_a_first_picture_shows_nothing_beside_the_robot() -> None:
     memory = SurfaceMemory(CAMERA)
     memory.see(np.ones((48, 80), np.float32))
-    near = memory.probability(np.array([0.5, 0.0, -1.0, 4.0]), np.array([0.0, 2.0, 0.0, 0.0]))
-    assert np.isnan(near[:3]).all()
-    assert near[3] == 1.0
+    near = memory.marks(np.array([0.5, 0.0, -1.0, 4.0]), np.array([0.0, 2.0, 0.0, 0.0]))
+    assert (near[:3] == UNSEEN).all()
+    assert near[3] == ROAD
 
 
 def test_the_newest_picture_wins_and_a_standing_robot_keeps_one() -> None:
     memory = SurfaceMemory(CAMERA)
     for value in (1.0, 1.0, 0.0):
         memory.see(np.full((48, 80), value, np.float32))
-    assert memory.probability(np.array([4.0]), np.array([0.0]))[0] == 0.0
+    assert memory.marks(np.array([4.0]), np.array([0.0]))[0] == OFF_ROAD
     for _ in range(100):
         memory.move(0.01, 0.0)
         memory.see(np.zeros((48, 80), np.float32))
-    behind = memory.probability(np.array([-8.0]), np.array([0.0]))
-    assert np.isnan(behind[0])
+    behind = memory.marks(np.array([-8.0]), np.array([0.0]))
+    assert behind[0] == UNSEEN
+
+
+def test_what_was_seen_is_kept_on_the_spot_and_forgotten_on_the_way() -> None:
+    memory = SurfaceMemory(CAMERA)
+    memory.see(np.ones((48, 80), np.float32))
+    for _ in range(40):
+        memory.move(0.0, 0.1)
+    x_m, y_m = 6 * math.cos(-4.0), 6 * math.sin(-4.0)
+    assert memory.marks(np.array([x_m]), np.array([y_m]))[0] == ROAD
+    memory.move(0.0, -4.0)
+    for driven_m, expected in ((KEPT_M - 0.5, ROAD), (1.0, UNSEEN)):
+        memory.move(driven_m, 0.0)
+        behind_m = 6 - driven_m if expected == ROAD else 5.5 - KEPT_M
+        assert memory.marks(np.array([behind_m]), np.array([0.0]))[0] == expected

@@ -37,6 +37,9 @@ from juncnet_services.junction_navigation.store import FRESH, Resumed
 from juncnet_services.junction_navigation.way_on import nothing_ahead, sees_way_on
 
 STANDING_MPS = 0.35
+ARM_M = 3.0
+"""How much farther towards an arm that is seen than without one a junction is crossed without the
+follower seeing a road."""
 
 
 class Navigator:
@@ -140,6 +143,8 @@ class Navigator:
         if self.progress.turn is not None:
             self._sight.see(road, yaw, self.progress.turn)
             return
+        if self.progress.phase is Phase.CROSSING and self._plan.straight:
+            self._sight.see_ahead(road, yaw, self._plan.axis_rad)
         if self.progress.turned is not None:
             turned = self.progress.turned
             self._astray = turning.is_astray(road, at_m, yaw, turned, self.config.turn)
@@ -204,15 +209,33 @@ class Navigator:
                 self._begin_turn()
                 return self._turning()
             return self._helm.hold_heading(self._plan.speed_limit_mps)
-        past_m = self._plan.past_m
-        if past_m >= 0 and self._inputs.road_visible:
+        past_m, arm_rad = self._plan.past_m, self._sight.agreed_rad
+        followed = arm_rad is None or self._follows(arm_rad)
+        if past_m >= 0 and self._inputs.road_visible and followed:
             self._leave()
             return self._drive()
-        if sees_way_on(state, self._inputs, self._plan, self.config):
+        if arm_rad is not None:
+            if past_m < self.config.blind_m + ARM_M:
+                return self._cross_towards(arm_rad)
+        elif sees_way_on(state, self._inputs, self._plan, self.config):
             return self._take_way_on()
         if past_m >= self.config.blind_m or nothing_ahead(state, self._plan, self.config):
             self._begin_turn()
             return self._turning()
+        return self._helm.cross(self.config.cruise_mps)
+
+    def _follows(self, arm_rad: float) -> bool:
+        """Return whether the follower's road is the arm towards a yaw."""
+        towards_rad = self._inputs.road_towards_rad(self.progress.yaw_rad)
+        return abs(towards_rad - arm_rad) <= turning.SAME_ARM_RAD
+
+    def _cross_towards(self, arm_rad: float) -> Velocity:
+        """Go on to the arm that a map of the surface shows; by the follower's road, if it is it."""
+        behind_middle = self._plan.mouth_ahead_m <= -self._plan.reach_m
+        if behind_middle and self._inputs.road_certain and self._follows(arm_rad):
+            self.progress.axis_rad = self.progress.yaw_rad
+            return self._follow(self.config.approach_mps)
+        self.progress.axis_rad = arm_rad
         return self._helm.cross(self.config.cruise_mps)
 
     def _take_way_on(self) -> Velocity:
@@ -227,6 +250,7 @@ class Navigator:
     def _enter(self) -> None:
         state = self.progress
         state.phase = Phase.CROSSING
+        self._sight.reset()
         if state.junction is not None:
             state.junction.axis_rad = state.heading_rad
         self._event(EventKind.ENTERED)

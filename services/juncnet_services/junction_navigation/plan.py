@@ -47,6 +47,13 @@ class JunctionPlan:
         return turning.is_straight(self.turn)
 
     @property
+    def axis_rad(self) -> float:
+        """Direction of the road by which the robot entered the counted junction, or is on."""
+        junction = self._progress.junction
+        entered = None if junction is None else junction.axis_rad
+        return self._progress.heading_rad if entered is None else entered
+
+    @property
     def radius_m(self) -> float:
         """Of the vehicle's arcs; 0: it turns in place."""
         return turning.arc_radius_m(self._config.turn, self.capabilities)

@@ -1,6 +1,6 @@
 """Whether, in a turn, the next road is in sight, and in which direction."""
 
-from juncnet.messages import RoadCommand
+from juncnet.messages import RoadCommand, RoadSurface
 from juncnet_services.junction_navigation import turning
 from juncnet_services.junction_navigation.arms import arms
 from juncnet_services.junction_navigation.config import NavigatorConfig
@@ -28,19 +28,9 @@ class RoadSight:
         """
         sure = road.confidence >= self._confidence
         if turn.in_place and road.surface is not None:
+            limits = turning.arm_limits_rad(turn.turn)
             axis_rad = turn.nominal_rad - turning.angle_rad(turn.turn)
-            right_rad, left_rad = (
-                axis_rad - yaw + limit for limit in turning.arm_limits_rad(turn.turn)
-            )
-            found = arms(road.surface)
-            bearing = found.towards(turn.nominal_rad - yaw, right_rad, left_rad)
-            if bearing is not None:
-                same = (
-                    sure
-                    and road.road is not None
-                    and abs(turning.bearing_rad(road.road) - bearing) <= turning.SAME_ARM_RAD
-                )
-                self.look(bearing, yaw, yaw + bearing, 0.0, same)
+            if self._see_arm(road.surface, road, yaw, turn.nominal_rad, axis_rad, limits):
                 turn.arm_rad = self.agreed_rad
                 return
         turn.arm_rad = None
@@ -49,6 +39,41 @@ class RoadSight:
         )
         heading = turning.seen_heading_rad(road, turn.in_place) if sure else None
         self.look(heading, yaw, turn.nominal_rad + middle, within)
+
+    def see_ahead(self, road: RoadCommand, yaw: float, axis_rad: float) -> None:
+        """Take a follower's view from `yaw`, on a junction that is crossed straight on.
+
+        `axis_rad` is the direction of the road by which the robot came.
+        """
+        limits = -turning.ANGLE_RAD, turning.ANGLE_RAD
+        if road.surface is None or not self._see_arm(
+            road.surface, road, yaw, axis_rad, axis_rad, limits
+        ):
+            self.look(None, yaw, yaw, 0.0)
+
+    def _see_arm(
+        self,
+        surface: RoadSurface,
+        road: RoadCommand,
+        yaw: float,
+        wanted_rad: float,
+        axis_rad: float,
+        limits_rad: tuple[float, float],
+    ) -> bool:
+        """Take the arm nearest to the wanted yaw, if a map shows one between two bearings.
+
+        These count from `axis_rad`.
+        """
+        right_rad, left_rad = (axis_rad - yaw + limit for limit in limits_rad)
+        bearing = arms(surface).towards(wanted_rad - yaw, right_rad, left_rad)
+        if bearing is None:
+            return False
+        sure = road.confidence >= self._confidence and road.road is not None
+        near = road.road is not None and (
+            abs(turning.bearing_rad(road.road) - bearing) <= turning.SAME_ARM_RAD
+        )
+        self.look(bearing, yaw, yaw + bearing, 0.0, sure and near)
+        return True
 
     def look(
         self,
