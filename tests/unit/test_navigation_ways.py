@@ -36,6 +36,7 @@ from juncnet_services.junction_navigation.navigator import Navigator
 from juncnet_services.junction_navigation.plan import JunctionPlan
 from juncnet_services.junction_navigation.progress import Junction, Place, Progress, TurnProgress
 from juncnet_services.junction_navigation.store import Resumed
+from surfaces import roads, surface
 
 BAND = CameraGeometry().band
 NOW = 10_000_000_000
@@ -128,6 +129,24 @@ def test_the_way_on_bends_where_the_surface_ends_ahead(
     assert flown.progress.phase is Phase.CROSSING
     assert (wanted.yaw_rate_radps < -0.3) is turned
     assert (wanted.yaw_rate_radps == pytest.approx(0.0)) is not turned
+
+
+def test_a_junction_is_crossed_to_the_arm_that_the_map_shows() -> None:
+    """Whatever line a follower is sure of: first of another arm, then of the one straight on."""
+    flown, wanted = navigator(crossing()), Velocity()
+    arms = surface(roads(180, 25, -60))
+    for number in range(1, 16):
+        line = road(number, math.radians(-60), confidence=1.0)
+        wanted = step(flown, number, line.model_copy(update={"surface": arms}))
+    assert wanted.yaw_rate_radps > 0.3
+    assert flown.progress.axis_rad == pytest.approx(math.radians(25), abs=0.06)
+    flown.progress.odometer_m += 6.0
+    for number in range(16, 20):
+        line = road(number, math.radians(25), confidence=1.0)
+        wanted = step(flown, number, line.model_copy(update={"surface": arms}))
+    assert line.velocity is not None
+    assert wanted.yaw_rate_radps < line.velocity.yaw_rate_radps, "the follower steers, slower"
+    assert flown.progress.phase is Phase.CROSSING
 
 
 @pytest.mark.parametrize(("leads_deg", "turned"), [(30.0, True), (-12.0, False)])

@@ -58,10 +58,13 @@ class Arms:
     arms: tuple[Arm, ...]
     unseen: Flags
 
-    def towards(self, wanted_rad: float, right_rad: float, left_rad: float) -> float | None:
+    def towards(
+        self, wanted_rad: float, right_rad: float, left_rad: float, beyond: bool = True
+    ) -> float | None:
         """Return the bearing of the arm nearest to the wanted one, between right and left.
 
-        None: there is none, or what was not seen yet may hide a nearer one.
+        None: there is none, or what was not seen yet may hide a nearer one; `beyond`: one beyond
+        the wanted bearing, too.
         """
         found = [
             bearing
@@ -71,9 +74,11 @@ class Arms:
         if not found:
             return None
         nearest = min(found, key=lambda bearing: abs(bearing - wanted_rad))
-        nearer = np.abs([_near(b, wanted_rad) - wanted_rad for b in BEARINGS])
-        nearer_flags: Flags = nearer <= abs(nearest - wanted_rad)
-        hidden = float(self.unseen[nearer_flags].mean()) if nearer_flags.any() else 0.0
+        apart = np.remainder(BEARINGS - wanted_rad + math.pi, 2 * math.pi) - math.pi
+        if not beyond:
+            apart = np.where(apart * (nearest - wanted_rad) < 0, math.pi, apart)
+        nearer: Flags = np.abs(apart) <= abs(nearest - wanted_rad)
+        hidden = float(self.unseen[nearer].mean()) if nearer.any() else 0.0
         return nearest if hidden <= 1 - KNOWN else None
 
 

@@ -271,6 +271,10 @@ class Navigator:
 
     def _turning(self) -> Velocity:
         turn, state = self._under_way, self.progress
+        if turn.elapsed_s > self.config.turn.timeout_s:
+            return self._wait("the turn takes too long: does the vehicle yaw?")
+        if turn.arm_rad is not None and not turn.in_place and not self._sight.aligned:
+            return self._yaw_towards(turn.arm_rad, turn)
         error = turn.nominal_rad - state.yaw_rad
         held_back = turning.is_held_back(turn, state.odometer_m, state.yaw_rad)
         turn.held_back = turn.held_back or held_back
@@ -280,8 +284,6 @@ class Navigator:
         if seen or abs(error) <= self.config.turn.tolerance_rad:
             state.phase = Phase.ALIGNING
             return self._aligning()
-        if turn.elapsed_s > self.config.turn.timeout_s:
-            return self._wait("the turn takes too long: does the vehicle yaw?")
         return self._yaw_towards(turn.nominal_rad, turn)
 
     def _aligning(self) -> Velocity:

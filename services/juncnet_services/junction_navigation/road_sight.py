@@ -23,14 +23,17 @@ class RoadSight:
     def see(self, road: RoadCommand, yaw: float, turn: TurnProgress) -> None:
         """Take a follower's view from `yaw`, in a turn.
 
-        On the spot, the arms that a map of the surface shows say where the road of the turn leads;
-        the follower must be sure of the same one before it takes over.
+        The arms that a map of the surface shows say where the road of the turn leads; the follower
+        must be sure of the same one before it takes over. On an arc there is no looking around:
+        what may lie beyond the turn's angle is not waited for.
         """
         sure = road.confidence >= self._confidence
-        if turn.in_place and road.surface is not None:
+        if road.surface is not None:
             limits = turning.arm_limits_rad(turn.turn)
             axis_rad = turn.nominal_rad - turning.angle_rad(turn.turn)
-            if self._see_arm(road.surface, road, yaw, turn.nominal_rad, axis_rad, limits):
+            if self._see_arm(
+                road.surface, road, yaw, turn.nominal_rad, axis_rad, limits, turn.in_place
+            ):
                 turn.arm_rad = self.agreed_rad
                 return
         turn.arm_rad = None
@@ -59,13 +62,14 @@ class RoadSight:
         wanted_rad: float,
         axis_rad: float,
         limits_rad: tuple[float, float],
+        beyond: bool = True,
     ) -> bool:
         """Take the arm nearest to the wanted yaw, if a map shows one between two bearings.
 
         These count from `axis_rad`.
         """
         right_rad, left_rad = (axis_rad - yaw + limit for limit in limits_rad)
-        bearing = arms(surface).towards(wanted_rad - yaw, right_rad, left_rad)
+        bearing = arms(surface).towards(wanted_rad - yaw, right_rad, left_rad, beyond)
         if bearing is None:
             return False
         sure = road.confidence >= self._confidence and road.road is not None
