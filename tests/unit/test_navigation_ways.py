@@ -144,8 +144,7 @@ def test_a_junction_is_crossed_to_the_arm_that_the_map_shows() -> None:
     for number in range(16, 20):
         line = road(number, math.radians(25), confidence=1.0)
         wanted = step(flown, number, line.model_copy(update={"surface": arms}))
-    assert line.velocity is not None
-    assert wanted.yaw_rate_radps < line.velocity.yaw_rate_radps, "the follower steers, slower"
+    assert 0 < wanted.yaw_rate_radps < 0.02, "the follower steers, slower"
     assert flown.progress.phase is Phase.CROSSING
 
 

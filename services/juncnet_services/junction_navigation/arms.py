@@ -29,8 +29,11 @@ NARROWEST = 7
 """and fewest with it that are one: 2 m."""
 SLANT = 3
 """Directions by which an arm shifts from one of those radii to the next."""
-EDGE_RAD = 0.35
-"""Half the width of a road on the ring: so far inside its edge an arm is aimed at."""
+EDGE_RAD = 0.5
+"""Half the width of a wide road on the ring: so far inside its edge an arm is aimed at."""
+LEAST_ROOM_RAD, ROOM = 0.2, 0.6
+"""A line that passes the ring so far off where an arm is aimed at, or by such a part of the arm's
+half there, is still on it."""
 KNOWN = 0.85
 """Part of the directions nearer to the wanted one that must have been seen."""
 
@@ -50,6 +53,12 @@ class Arm:
         near = middle + math.remainder(wanted_rad - middle, 2 * math.pi)
         return min(max(near, right), left)
 
+    def room_rad(self, bearing_rad: float) -> float:
+        """Return how far off a bearing of its own a line may pass the ring and be on it."""
+        middle = (self.right_rad + self.left_rad) / 2
+        off_rad = abs(math.remainder(bearing_rad - middle, 2 * math.pi))
+        return max(LEAST_ROOM_RAD, ROOM * ((self.left_rad - self.right_rad) / 2 - off_rad))
+
 
 @dataclass(frozen=True)
 class Arms:
@@ -60,26 +69,26 @@ class Arms:
 
     def towards(
         self, wanted_rad: float, right_rad: float, left_rad: float, beyond: bool = True
-    ) -> float | None:
-        """Return the bearing of the arm nearest to the wanted one, between right and left.
+    ) -> tuple[float, float] | None:
+        """Return bearing and room of the arm nearest to the wanted one, between right and left.
 
         None: there is none, or what was not seen yet may hide a nearer one; `beyond`: one beyond
         the wanted bearing, too.
         """
         found = [
-            bearing
+            (bearing, arm.room_rad(bearing))
             for arm in self.arms
             if right_rad <= (bearing := _near(arm.bearing_rad(wanted_rad), wanted_rad)) <= left_rad
         ]
         if not found:
             return None
-        nearest = min(found, key=lambda bearing: abs(bearing - wanted_rad))
+        nearest, room = min(found, key=lambda pair: abs(pair[0] - wanted_rad))
         apart = np.remainder(BEARINGS - wanted_rad + math.pi, 2 * math.pi) - math.pi
         if not beyond:
             apart = np.where(apart * (nearest - wanted_rad) < 0, math.pi, apart)
         nearer: Flags = np.abs(apart) <= abs(nearest - wanted_rad)
         hidden = float(self.unseen[nearer].mean()) if nearer.any() else 0.0
-        return nearest if hidden <= 1 - KNOWN else None
+        return (nearest, room) if hidden <= 1 - KNOWN else None
 
 
 def arms(surface: RoadSurface) -> Arms:

@@ -210,7 +210,7 @@ class Navigator:
                 return self._turning()
             return self._helm.hold_heading(self._plan.speed_limit_mps)
         past_m, arm_rad = self._plan.past_m, self._sight.agreed_rad
-        followed = arm_rad is None or self._follows(arm_rad)
+        followed = arm_rad is None or self._sight.followed
         if past_m >= 0 and self._inputs.road_visible and followed:
             self._leave()
             return self._drive()
@@ -224,15 +224,10 @@ class Navigator:
             return self._turning()
         return self._helm.cross(self.config.cruise_mps)
 
-    def _follows(self, arm_rad: float) -> bool:
-        """Return whether the follower's road is the arm towards a yaw."""
-        towards_rad = self._inputs.road_towards_rad(self.progress.yaw_rad)
-        return abs(towards_rad - arm_rad) <= turning.SAME_ARM_RAD
-
     def _cross_towards(self, arm_rad: float) -> Velocity:
         """Go on to the arm that a map of the surface shows; by the follower's road, if it is it."""
         behind_middle = self._plan.mouth_ahead_m <= -self._plan.reach_m
-        if behind_middle and self._inputs.road_certain and self._follows(arm_rad):
+        if behind_middle and self._inputs.road_certain and self._sight.followed:
             self.progress.axis_rad = self.progress.yaw_rad
             return self._follow(self.config.approach_mps)
         self.progress.axis_rad = arm_rad

@@ -1,11 +1,15 @@
 """Whether, in a turn, the next road is in sight, and in which direction."""
 
+import math
+
 from juncnet.messages import RoadCommand, RoadSurface
 from juncnet_services.junction_navigation import turning
 from juncnet_services.junction_navigation.arms import arms
 from juncnet_services.junction_navigation.config import NavigatorConfig
 from juncnet_services.junction_navigation.progress import TurnProgress
 
+WIDER, PATIENCE = 2.0, 50
+"""A line that is so much farther off the middle of an arm is taken for it after so many frames."""
 MISS = 2
 """Frames with a view that one without it outweighs."""
 
@@ -15,10 +19,11 @@ class RoadSight:
 
     def __init__(self, config: NavigatorConfig) -> None:
         self._config, self._confidence = config.turn, config.sight_confidence
-        self._agreeing = 0
-        self._aligned = 0
+        self._agreeing = self._aligned = self._waited = 0
         self.direction_rad: float | None = None
         """Unwrapped yaw of the road seen last, agreed on or not."""
+        self.followed = False
+        """Whether a follower was sure of that road, in the last view of an arm."""
 
     def see(self, road: RoadCommand, yaw: float, turn: TurnProgress) -> None:
         """Take a follower's view from `yaw`, in a turn.
@@ -69,14 +74,15 @@ class RoadSight:
         These count from `axis_rad`.
         """
         right_rad, left_rad = (axis_rad - yaw + limit for limit in limits_rad)
-        bearing = arms(surface).towards(wanted_rad - yaw, right_rad, left_rad, beyond)
-        if bearing is None:
+        found = arms(surface).towards(wanted_rad - yaw, right_rad, left_rad, beyond)
+        if found is None:
             return False
-        sure = road.confidence >= self._confidence and road.road is not None
-        near = road.road is not None and (
-            abs(turning.bearing_rad(road.road) - bearing) <= turning.SAME_ARM_RAD
-        )
-        self.look(bearing, yaw, yaw + bearing, 0.0, sure and near)
+        bearing, room_rad = found
+        off_rad = math.inf if road.road is None else abs(turning.bearing_rad(road.road) - bearing)
+        sure = road.confidence >= self._confidence
+        self._waited = self._waited + 1 if sure and off_rad <= WIDER * room_rad else 0
+        self.followed = sure and (off_rad <= room_rad or self._waited > PATIENCE)
+        self.look(bearing, yaw, yaw + bearing, 0.0, self.followed)
         return True
 
     def look(
@@ -120,5 +126,5 @@ class RoadSight:
 
     def reset(self) -> None:
         """Forget all frames."""
-        self._agreeing = self._aligned = 0
+        self._agreeing = self._aligned = self._waited = 0
         self.direction_rad = None
