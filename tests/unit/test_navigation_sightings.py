@@ -12,6 +12,7 @@ from juncnet_services.junction_navigation.place import MOUTH_BEFORE_M, mouth_m
 from juncnet_services.junction_navigation.plan import BESIDE_M, JunctionPlan
 from juncnet_services.junction_navigation.progress import Junction, Progress, Sighting
 from juncnet_services.junction_navigation.sightings import Sightings
+from surfaces import surface
 
 CAMERA = CameraGeometry()
 BAND = CAMERA.band
@@ -72,6 +73,33 @@ def test_an_opening_seen_for_long_with_some_score_is_a_junction_where_it_is() ->
 def test_what_is_not_sure_is_no_junction(travelled_m: float, smoothed: float, every: int) -> None:
     sightings = approach(progress(), 15.0, travelled_m, smoothed, every)
     assert sightings.next_junction() is None
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "hidden", "counted"),
+    [(2.0, False, False), (9.0, False, True), (2.0, True, True)],
+    ids=["a lay-by", "a road", "who knows"],
+)
+def test_a_lay_by_is_no_junction(depth_m: float, hidden: bool, counted: bool) -> None:
+    """The map shows the opening to the left of a road of 6 m, or nothing beside the road."""
+    state = progress()
+    sightings = Sightings(CAMERA, state)
+    state.smoothed = 0.7
+    for step in range(70):
+        state.odometer_m = step * STEP_M
+        near_m = 15.0 - state.odometer_m
+
+        def mark(x: float, y: float, near_m: float = near_m) -> str:
+            if abs(y) <= 3:
+                return "#"
+            if hidden:
+                return " "
+            return "#" if near_m <= x <= near_m + 5 and 0 < y <= 3 + depth_m else "."
+
+        seen = RoadOpening(side="left", near_m=near_m, far_m=near_m + 5)
+        sightings.see(road(seen), state.odometer_m, surface=surface(mark))
+        sightings.weigh()
+    assert (sightings.next_junction() is not None) is counted
 
 
 @pytest.mark.parametrize(

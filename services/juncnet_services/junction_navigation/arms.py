@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from juncnet.messages import RoadSurface
+from juncnet.messages import RoadOpening, RoadSeen, RoadSurface
 
 UNSEEN, OFF_ROAD, ROAD = RoadSurface.UNSEEN, RoadSurface.OFF_ROAD, RoadSurface.ROAD
 Flags = NDArray[np.bool_]
@@ -34,6 +34,11 @@ EDGE_RAD = 0.5
 LEAST_ROOM_RAD, ROOM = 0.2, 0.6
 """A line that passes the ring so far off where an arm is aimed at, or by such a part of the arm's
 half there, is still on it."""
+DEEP_M, AROUND_M = (3.0, 3.5, 4.0), 3.0
+"""A road's mouth goes on so far beyond the edge that it opens, up to so much before or behind."""
+NO_ROAD, SOME_ROAD, SEEN = 0.04, 0.1, 0.5
+"""In how many of the places there at most no road leads on, in how many one does, and how many must
+have been seen without one."""
 KNOWN = 0.85
 """Part of the directions nearer to the wanted one that must have been seen."""
 
@@ -103,6 +108,22 @@ def arms(surface: RoadSurface) -> Arms:
         if count >= NARROWEST and _connected(_run_flags(first, count), rings)
     ]
     return Arms(tuple(found), classes == UNSEEN)
+
+
+def leads_on(surface: RoadSurface, road: RoadSeen, opening: RoadOpening) -> bool | None:
+    """Return whether an opening of a road's edge leads on, not into a lay-by; None: not seen."""
+    near_m = 0.0 if opening.near_m is None else opening.near_m
+    far_m = near_m if opening.far_m is None else opening.far_m
+    x = np.arange(near_m - AROUND_M, far_m + AROUND_M, surface.cell_m)
+    slope = math.tan(road.heading_rad) + road.curvature_1pm * x
+    middle = road.offset_m + (math.tan(road.heading_rad) + road.curvature_1pm * x / 2) * x
+    side = 1.0 if opening.side == "left" else -1.0
+    beyond = side * (road.width_m / 2 + np.array(DEEP_M)[:, None]) * np.hypot(1.0, slope)
+    seen = surface.classes(np.broadcast_to(x, beyond.shape), middle + beyond)
+    on_road, off_road = float((seen == ROAD).mean()), float((seen == OFF_ROAD).mean())
+    if on_road >= SOME_ROAD:
+        return True
+    return False if on_road <= NO_ROAD and off_road >= SEEN else None
 
 
 def _near(bearing_rad: float, wanted_rad: float) -> float:

@@ -139,7 +139,8 @@ class Navigator:
         at_m, yaw = self._odometry.at(self._inputs.captured_ns(header, now))
         if road.road is not None and self.progress.turn is None:
             aside_rad = yaw - self.progress.heading_rad
-            self._sightings.see(road.road, at_m, self._inputs.road_trust >= 1, aside_rad)
+            trusted = self._inputs.road_trust >= 1
+            self._sightings.see(road.road, at_m, trusted, aside_rad, road.surface)
         if self.progress.turn is not None:
             self._sight.see(road, yaw, self.progress.turn)
             return

@@ -55,6 +55,8 @@ class Sighting(BaseModel):
     scatter_m2: float = Field(default=0.0, ge=0)
     """Sum of squares of the former around their mean; `joint_m2`: of the products of both."""
     joint_m2: float = 0.0
+    depth: int = 0
+    """How many more maps showed a road that leads on there than that showed none."""
 
     def place(self, at_m: float, near_m: float) -> None:
         """Take one more picture into the means and sums."""

@@ -3,8 +3,9 @@
 import math
 
 from juncnet.camera import CameraGeometry
-from juncnet.messages import Phase, RoadOpening, RoadSeen
+from juncnet.messages import Phase, RoadOpening, RoadSeen, RoadSurface
 from juncnet_services.junction_navigation import turning
+from juncnet_services.junction_navigation.arms import leads_on
 from juncnet_services.junction_navigation.place import (
     GATE,
     agree,
@@ -29,6 +30,8 @@ NARROWEST_ROAD_M = 3.5
 """and it is so long: a path's or a drive's is shorter."""
 MOVING = 0.5
 """What goes along with the robot by more than this part of its way is no opening: a bend's edge."""
+BAY, DEEPEST = 3, 20
+"""So many more maps that show no road behind an opening than do: a lay-by. No more are counted."""
 SAME_M = 5.0
 """Openings left and right that are no farther apart are of one junction."""
 SCORED_BAND = 0.8
@@ -46,13 +49,18 @@ class Sightings:
         self._sure_m = SURE_HEIGHTS * camera.height_m
 
     def see(
-        self, road: RoadSeen, at_m: float, trusted: bool = True, aside_rad: float = 0.0
+        self,
+        road: RoadSeen,
+        at_m: float,
+        trusted: bool = True,
+        aside_rad: float = 0.0,
+        surface: RoadSurface | None = None,
     ) -> None:
         """Take what a picture from the odometer reading `at_m` shows of other roads.
 
         `trusted`: whether the road is surely the robot's own. An edge of one that bends into a side
         arm says nothing against the opening there. `aside_rad`: from the way that the robot holds
-        to where it looked.
+        to where it looked. `surface`: a map that says which openings lead nowhere.
         """
         state = self._progress
         if state.phase is Phase.CROSSING and state.junction:
@@ -68,6 +76,9 @@ class Sightings:
             if opening.near_m is not None:
                 state.sightings.append(_begun(opening, opening.near_m, at_m))
         state.sightings = [s for s in state.sightings if self._worth_keeping(s)]
+        if surface is not None:
+            for sighting in state.sightings:
+                _see_depth(sighting, surface, road, at_m)
         if state.junction is not None and state.leave_m is None:
             self._adopt(state.junction)
 
@@ -125,6 +136,7 @@ class Sightings:
             and sighting.scored >= SURE_FRAMES
             and (sighting.probability >= SURE_PROBABILITY or self._borne_out(sighting))
             and sighting.drift <= MOVING
+            and sighting.depth > -BAY
         )
 
     def _borne_out(self, sighting: Sighting) -> bool:
@@ -179,6 +191,16 @@ def _begun(opening: RoadOpening, near_m: float, at_m: float) -> Sighting:
     )
     sighting.place(at_m, at_m + near_m)
     return sighting
+
+
+def _see_depth(sighting: Sighting, surface: RoadSurface, road: RoadSeen, at_m: float) -> None:
+    """Let a map say whether a road leads on behind an opening."""
+    far_m = None if sighting.far_m is None else max(sighting.far_m - at_m, 0.0)
+    near_m = max(sighting.near_m - at_m, 0.0)
+    leads = leads_on(surface, road, RoadOpening(side=sighting.side, near_m=near_m, far_m=far_m))
+    if leads is not None:
+        depth = sighting.depth + (1 if leads else -1)
+        sighting.depth = min(max(depth, -DEEPEST), DEEPEST)
 
 
 def _sigma_m(ahead_m: float) -> float:
