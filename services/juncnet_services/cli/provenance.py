@@ -11,6 +11,9 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict
 
 GIT = ("git", "-C", str(Path(__file__).parent))
+RESULTS = ("json", "md", "png")
+CODE = (":(top)", *(f":(top,exclude)models/*.{kind}" for kind in RESULTS))
+"""What makes a checkout a changed one: anything but results that were measured in it."""
 
 
 class Provenance(BaseModel):
@@ -51,13 +54,12 @@ def _cpu() -> str:
 
 def _commit() -> str:
     try:
-        text = subprocess.run(
-            [*GIT, "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=-changed"],
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-        ).stdout
+        commit = _git("rev-parse", "HEAD").stdout.strip()
+        changed = _git("diff", "--quiet", "HEAD", "--", *CODE).returncode
     except (OSError, subprocess.SubprocessError):
         return ""
-    return text.strip()
+    return f"{commit}-changed" if commit and changed else commit
+
+
+def _git(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run([*GIT, *arguments], capture_output=True, text=True, timeout=10)
