@@ -124,3 +124,12 @@ def test_neither_the_way_on_nor_the_way_back_is_left_or_right() -> None:
         for _ in range(4):
             sight.see(command(roads(178 * sign, 12 * sign), 12 * sign), 0.0, turn)
         assert turn.arm_rad is None
+
+
+def test_behind_a_turn_the_road_of_its_arm_is_followed_and_no_other() -> None:
+    turn = TurnProgress(turn=Turn(at=1, turn="left"), nominal_rad=1.57, arm_rad=0.75, ended_m=10.0)
+    config = NavigatorConfig().turn
+    nothing = roads(0)
+    for bearing_deg, at_m, astray in ((0, 10.0, False), (-60, 10.0, True), (-60, 22.0, False)):
+        line = command(nothing, bearing_deg)
+        assert turning.is_astray(line, at_m, 0.75, turn, config) is astray

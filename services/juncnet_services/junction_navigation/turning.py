@@ -21,8 +21,9 @@ HELD_BACK_RAD = 0.5
 ANGLE_RAD, LEAST_ASIDE_RAD, BACK_RAD = (math.radians(angle) for angle in (55, 20, 155))
 """How far off an angle that is said an arm may be; how far aside one that is left or right leads at
 least and at most."""
-SAME_ARM_RAD = 0.2
-"""Bearings of an arm and of a line on it that differ by so much may still be of the same road."""
+ARM_RAD = 0.45
+"""A line on an arm may lie so far off the arm's bearing, which was taken from beside the arm's axis
+perhaps."""
 LONGER_M = 1.2
 """How much longer an arc may be than one that turns the robot as far."""
 
@@ -163,7 +164,7 @@ def is_astray(
     driven_m = 0.0 if turn.ended_m is None else at_m - turn.ended_m
     if turn.arm_rad is not None:
         apart_rad = yaw + bearing_rad(road.road) - turn.arm_rad
-        return abs(apart_rad) > SAME_ARM_RAD + bent_rad(driven_m)
+        return abs(apart_rad) > ARM_RAD + bent_rad(driven_m)
     middle, within = search_arc(turn.turn, turn.aligning_s, config, turn.held_back)
     direction = yaw + leads_rad(road.road, turn.in_place)
     return abs(direction - turn.nominal_rad - middle) > within + bent_rad(driven_m)
