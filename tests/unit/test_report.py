@@ -6,15 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.pyplot import imread
 
-from juncnet.messages import EventKind, JunctionEvent, Pose, SimulatorTruth, Velocity
+from juncnet.messages import EventKind, JunctionEvent, Pose, SimulatorTruth, Turn, Velocity
 from juncnet.simulation.towns import named_world
 from juncnet_services.report.aerial import Aerial, aerial
 from juncnet_services.report.flight_data import FlightData, Marked
 from juncnet_services.report.key_frames import KeyFrame
-from juncnet_services.report.plots import latency, overview, path, probability
+from juncnet_services.report.plots import latency, overview, path, probability, turns
 from juncnet_services.report.verdict import verdict
 from scenes import stamp
+from surfaces import roads, surface
 
 WORLD = named_world("evening_suburb")
 
@@ -117,6 +119,20 @@ def test_probability_and_latency_are_drawn_where_there_are_any(tmp_path: Path) -
     assert not latency(data, tmp_path / "latency.png")
     data.latency_ms, data.rates = [20.0, 25.0], {"frame_capture": [(1.0, 25.0), (2.0, 24.9)]}
     assert latency(data, tmp_path / "latency.png")
+
+
+def test_turns_are_drawn_on_the_map_where_the_follower_tells_one(tmp_path: Path) -> None:
+    data = a_flight()
+    begun = entered(6.0).event.model_copy(
+        update={"kind": EventKind.TURN_STARTED, "turn": Turn(at=1, turn="left")}
+    )
+    data.events.append(Marked(6.0, begun, None))
+    assert not turns(data, tmp_path / "turns.png")
+    data.events.append(Marked(6.0, begun, None, surface(roads(180, 60, -90))))
+    assert turns(data, tmp_path / "turns.png")
+    drawn = np.asarray(imread(tmp_path / "turns.png"))[..., :3]
+    red = (drawn[..., 0] > 0.7) & (drawn[..., 1:].max(axis=2) < 0.3)
+    assert red.any(), "the arm of the turn"
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ from juncnet.messages import (
     JunctionEvent,
     JunctionScore,
     NavigationState,
+    RoadCommand,
+    RoadSurface,
     SimulatorTruth,
     Stamp,
     VehicleState,
@@ -42,6 +44,8 @@ class Marked:
     time_s: float
     event: JunctionEvent
     place: tuple[float, float] | None
+    surface: RoadSurface | None = None
+    """The follower's newest map of the road's surface."""
 
 
 @dataclass
@@ -92,6 +96,7 @@ class Collector:
         self._pids: dict[str, int] = {}
         self._errors: dict[str, str] = {}
         self._seen: set[tuple[str, int]] = set()
+        self._surface: RoadSurface | None = None
 
     def take(self, item: Recorded) -> None:
         """Take the next message."""
@@ -106,6 +111,8 @@ class Collector:
                 self._navigation(now_s, message)
             case JunctionEvent():
                 self._event(now_s, message)
+            case RoadCommand():
+                self._surface = message.surface
             case VehicleState():
                 self._vehicle(now_s, message)
             case SimulatorTruth():
@@ -133,7 +140,7 @@ class Collector:
             return
         self._seen.add((event.flight, event.index))
         place = self.data.path[-1][1:] if self.data.path else None
-        self.data.events.append(Marked(now_s, event, place))
+        self.data.events.append(Marked(now_s, event, place, self._surface))
 
     def _vehicle(self, now_s: float, state: VehicleState) -> None:
         if state.pose is not None:

@@ -53,6 +53,7 @@ def page(
         _section("Path", plots.get("path")),
         _section("Junction probability", plots.get("probability")),
         _strip(strip),
+        _section("Turns, on the map of the road's surface", plots.get("turns")),
         _section("Latency and rates", plots.get("latency")),
         _events(data),
         _incidents(data),

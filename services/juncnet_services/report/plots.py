@@ -1,5 +1,6 @@
 """The plots of a report, as PNG files. Matplotlib draws them."""
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from juncnet_services.report.aerial import Aerial
 from juncnet_services.report.flight_data import FlightData
 from juncnet_services.report.flight_map import INK, MARK, PATH, draw_map, turn_words
 from juncnet_services.report.key_frames import KeyFrame
+from juncnet_services.report.surface_maps import draw_surface
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -27,6 +29,7 @@ PHASES = {
     "waiting": "#eeeeee",
 }
 DPI = 110
+TURN_COLUMNS, MOST_TURNS = 4, 20
 SHOWN = 3
 """Junctions on the overview."""
 
@@ -43,6 +46,7 @@ def draw_all(
         "overview": lambda file: overview(data, photo, frames, file),
         "path": lambda file: path(data, photo, file),
         "probability": lambda file: probability(data, file),
+        "turns": lambda file: turns(data, file),
         "latency": lambda file: latency(data, file),
     }
     files = {name: folder / f"{name}.png" for name in drawings}
@@ -132,6 +136,21 @@ def draw_probability(axes: Any, data: FlightData, size: float) -> None:
     axes.legend(frameon=False, fontsize=0.9 * size, handlelength=1.2, borderpad=0, **place)
 
 
+def turns(data: FlightData, file: Path) -> bool:
+    """Draw the map of the surface at the start of every turn, where a follower tells it."""
+    begun = [m for m in data.events if m.event.kind is EventKind.TURN_STARTED]
+    shown = [(m, m.surface) for m in begun if m.surface is not None][:MOST_TURNS]
+    if not shown:
+        return False
+    rows = math.ceil(len(shown) / TURN_COLUMNS)
+    figure, axes = _figure(13.0, 2.9 * rows, TURN_COLUMNS, rows)
+    for one in axes.flat:
+        one.set_axis_off()
+    for one, (marked, surface) in zip(axes.flat, shown, strict=False):
+        draw_surface(one, marked, surface)
+    return _save(figure, file)
+
+
 def latency(data: FlightData, file: Path) -> bool:
     """Draw the time from picture to command, and the rate of every process: how often, and when."""
     if not data.latency_ms and not data.rates:
@@ -156,9 +175,9 @@ def latency(data: FlightData, file: Path) -> bool:
     return _save(figure, file)
 
 
-def _figure(width: float, height: float, columns: int = 1) -> tuple[Any, Any]:
-    figure, axes = plt.subplots(1, columns, figsize=(width, height), layout="constrained")
-    for one in np.atleast_1d(axes):
+def _figure(width: float, height: float, columns: int = 1, rows: int = 1) -> tuple[Any, Any]:
+    figure, axes = plt.subplots(rows, columns, figsize=(width, height), layout="constrained")
+    for one in np.ravel(axes):
         one.spines[["top", "right"]].set_visible(False)
     return figure, axes
 
