@@ -7,7 +7,7 @@ import pytest
 
 from juncnet.messages import RoadCommand, RoadSeen, Stamp, Turn, Velocity
 from juncnet_services.junction_navigation import turning
-from juncnet_services.junction_navigation.arms import Arm, Arms, arms
+from juncnet_services.junction_navigation.arms import Arm, Arms, Sector, arms
 from juncnet_services.junction_navigation.config import NavigatorConfig
 from juncnet_services.junction_navigation.progress import TurnProgress
 from juncnet_services.junction_navigation.road_sight import RoadSight
@@ -60,19 +60,21 @@ def test_specks_are_neither_arms_nor_do_they_part_one() -> None:
 @pytest.mark.parametrize("wanted_deg", [60.0, 90.0, 120.0])
 def test_the_arm_nearest_to_what_is_wanted_is_chosen(wanted_deg: float) -> None:
     found = arms(surface(roads(180, 0, 105)))
-    chosen = found.towards(math.radians(wanted_deg), 0.3, 2.7)
+    chosen = found.towards(Sector(math.radians(wanted_deg), 0.3, 2.7))
     assert chosen == pytest.approx((math.radians(105), 0.22), abs=0.06)
-    assert found.towards(math.radians(wanted_deg), -0.5, 1.0) != chosen, "out of these bounds"
-    assert found.towards(math.radians(wanted_deg), 2.2, 2.7) is None
+    assert found.towards(Sector(math.radians(wanted_deg), -0.5, 1.0)) != chosen, (
+        "out of these bounds"
+    )
+    assert found.towards(Sector(math.radians(wanted_deg), 2.2, 2.7)) is None
 
 
 def test_what_was_not_seen_may_hide_a_nearer_arm() -> None:
     mark = roads(180, 43, -75)
-    wanted = math.radians(90)
-    assert arms(surface(mark)).towards(wanted, 0.3, 2.7) == pytest.approx((0.75, 0.22), abs=0.06)
-    assert arms(surface(hidden(mark, 80, 130))).towards(wanted, 0.3, 2.7) is None
+    wanted = Sector(math.radians(90), 0.3, 2.7)
+    assert arms(surface(mark)).towards(wanted) == pytest.approx((0.75, 0.22), abs=0.06)
+    assert arms(surface(hidden(mark, 80, 130))).towards(wanted) is None
     far_side = arms(surface(hidden(mark, 150, 180)))
-    assert far_side.towards(wanted, 0.3, 2.7) == pytest.approx((0.75, 0.22), abs=0.06)
+    assert far_side.towards(wanted) == pytest.approx((0.75, 0.22), abs=0.06)
 
 
 def test_a_plaza_is_aimed_at_where_it_is_wanted_but_inside_its_edges() -> None:

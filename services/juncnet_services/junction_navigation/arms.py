@@ -66,30 +66,46 @@ class Arm:
 
 
 @dataclass(frozen=True)
+class Sector:
+    """Directions among which an arm is looked for: the wanted one, the outermost right and left."""
+
+    wanted_rad: float
+    right_rad: float
+    left_rad: float
+    beyond: bool = True
+    """Whether an arm on the other side of the wanted direction is waited for, too."""
+
+    def turned(self, by_rad: float) -> "Sector":
+        """Return the sector seen from another direction: all of it turned to the left."""
+        right_rad, left_rad = self.right_rad + by_rad, self.left_rad + by_rad
+        return Sector(self.wanted_rad + by_rad, right_rad, left_rad, self.beyond)
+
+
+@dataclass(frozen=True)
 class Arms:
     """The arms around a robot, and in which of `BEARINGS` nothing was seen."""
 
     arms: tuple[Arm, ...]
     unseen: Flags
 
-    def towards(
-        self, wanted_rad: float, right_rad: float, left_rad: float, beyond: bool = True
-    ) -> tuple[float, float] | None:
-        """Return bearing and room of the arm nearest to the wanted one, between right and left.
+    def towards(self, sector: Sector) -> tuple[float, float] | None:
+        """Return bearing and room of the sector's arm that is nearest to the wanted direction.
 
-        None: there is none, or what was not seen yet may hide a nearer one; `beyond`: one beyond
-        the wanted bearing, too.
+        None: there is none, or what was not seen yet may hide a nearer one.
         """
+        wanted_rad = sector.wanted_rad
         found = [
             (bearing, arm.room_rad(bearing))
             for arm in self.arms
-            if right_rad <= (bearing := _near(arm.bearing_rad(wanted_rad), wanted_rad)) <= left_rad
+            if sector.right_rad
+            <= (bearing := _near(arm.bearing_rad(wanted_rad), wanted_rad))
+            <= sector.left_rad
         ]
         if not found:
             return None
         nearest, room = min(found, key=lambda pair: abs(pair[0] - wanted_rad))
         apart = np.remainder(BEARINGS - wanted_rad + math.pi, 2 * math.pi) - math.pi
-        if not beyond:
+        if not sector.beyond:
             apart = np.where(apart * (nearest - wanted_rad) < 0, math.pi, apart)
         nearer: Flags = np.abs(apart) <= abs(nearest - wanted_rad)
         hidden = float(self.unseen[nearer].mean()) if nearer.any() else 0.0

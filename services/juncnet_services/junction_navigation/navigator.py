@@ -145,7 +145,7 @@ class Navigator:
             self._sight.see(road, yaw, self.progress.turn)
             return
         if self.progress.phase is Phase.CROSSING and self._plan.straight:
-            self._sight.see_ahead(road, yaw, self._plan.axis_rad)
+            self._sight.see_ahead(road, yaw, self._plan.turn, self._plan.axis_rad)
         if self.progress.turned is not None:
             turned = self.progress.turned
             self._astray = turning.is_astray(road, at_m, yaw, turned, self.config.turn)

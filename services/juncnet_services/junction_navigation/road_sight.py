@@ -2,9 +2,9 @@
 
 import math
 
-from juncnet.messages import RoadCommand, RoadSurface
+from juncnet.messages import RoadCommand, Turn
 from juncnet_services.junction_navigation import turning
-from juncnet_services.junction_navigation.arms import arms
+from juncnet_services.junction_navigation.arms import Sector, arms
 from juncnet_services.junction_navigation.config import NavigatorConfig
 from juncnet_services.junction_navigation.progress import TurnProgress
 
@@ -29,52 +29,33 @@ class RoadSight:
         """Take a follower's view from `yaw`, in a turn.
 
         The arms that a map of the surface shows say where the road of the turn leads; the follower
-        must be sure of the same one before it takes over. On an arc there is no looking around:
-        what may lie beyond the turn's angle is not waited for.
+        must be sure of the same one before it takes over.
         """
-        sure = road.confidence >= self._confidence
-        if road.surface is not None:
-            limits = turning.arm_limits_rad(turn.turn)
-            axis_rad = turn.nominal_rad - turning.angle_rad(turn.turn)
-            if self._see_arm(
-                road.surface, road, yaw, turn.nominal_rad, axis_rad, limits, turn.in_place
-            ):
-                turn.arm_rad = self.agreed_rad
-                return
+        axis_rad = turn.nominal_rad - turning.angle_rad(turn.turn)
+        if self._see_arm(road, yaw, turning.sector(turn.turn, turn.in_place).turned(axis_rad)):
+            turn.arm_rad = self.agreed_rad
+            return
         turn.arm_rad = None
         middle, within = turning.search_arc(
             turn.turn, turn.aligning_s, self._config, turn.held_back
         )
+        sure = road.confidence >= self._confidence
         heading = turning.seen_heading_rad(road, turn.in_place) if sure else None
         self.look(heading, yaw, turn.nominal_rad + middle, within)
 
-    def see_ahead(self, road: RoadCommand, yaw: float, axis_rad: float) -> None:
+    def see_ahead(self, road: RoadCommand, yaw: float, turn: Turn, axis_rad: float) -> None:
         """Take a follower's view from `yaw`, on a junction that is crossed straight on.
 
         `axis_rad` is the direction of the road by which the robot came.
         """
-        limits = -turning.ANGLE_RAD, turning.ANGLE_RAD
-        if road.surface is None or not self._see_arm(
-            road.surface, road, yaw, axis_rad, axis_rad, limits
-        ):
+        if not self._see_arm(road, yaw, turning.sector(turn).turned(axis_rad)):
             self.look(None, yaw, yaw, 0.0)
 
-    def _see_arm(
-        self,
-        surface: RoadSurface,
-        road: RoadCommand,
-        yaw: float,
-        wanted_rad: float,
-        axis_rad: float,
-        limits_rad: tuple[float, float],
-        beyond: bool = True,
-    ) -> bool:
-        """Take the arm nearest to the wanted yaw, if a map shows one between two bearings.
-
-        These count from `axis_rad`.
-        """
-        right_rad, left_rad = (axis_rad - yaw + limit for limit in limits_rad)
-        found = arms(surface).towards(wanted_rad - yaw, right_rad, left_rad, beyond)
+    def _see_arm(self, road: RoadCommand, yaw: float, sector: Sector) -> bool:
+        """Take the arm that a map shows in a sector of yaws; return whether it shows one."""
+        if road.surface is None:
+            return False
+        found = arms(road.surface).towards(sector.turned(-yaw))
         if found is None:
             return False
         bearing, room_rad = found

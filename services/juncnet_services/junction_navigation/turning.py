@@ -3,6 +3,7 @@
 import math
 
 from juncnet.messages import Capabilities, RoadCommand, RoadSeen, Turn
+from juncnet_services.junction_navigation.arms import Sector
 from juncnet_services.junction_navigation.config import TurnConfig
 from juncnet_services.junction_navigation.progress import TurnProgress
 
@@ -135,16 +136,17 @@ def bearing_rad(seen: RoadSeen) -> float:
     return math.atan2(y_m, x_m)
 
 
-def arm_limits_rad(turn: Turn) -> tuple[float, float]:
-    """Return (right, left): between which bearings, from the robot's road, a turn's arm lies.
+def sector(turn: Turn, in_place: bool = True) -> Sector:
+    """Return where, from the direction of the robot's road, the arm of a turn is looked for.
 
-    `left` and `right` mean the nearest to a right angle of what leads neither on nor back.
+    `left` and `right` mean the nearest to a right angle of what leads neither on nor back. A robot
+    on an arc cannot look around: it does not wait for what may lie beyond the turn's angle.
     """
     angle = angle_rad(turn)
     if turn.angle_deg is not None or is_straight(turn):
-        return angle - ANGLE_RAD, angle + ANGLE_RAD
+        return Sector(angle, angle - ANGLE_RAD, angle + ANGLE_RAD, in_place)
     least, most = sorted((math.copysign(LEAST_ASIDE_RAD, angle), math.copysign(BACK_RAD, angle)))
-    return least, most
+    return Sector(angle, least, most, in_place)
 
 
 def bent_rad(driven_m: float) -> float:

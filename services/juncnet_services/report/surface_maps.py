@@ -8,7 +8,7 @@ from matplotlib.colors import ListedColormap
 
 from juncnet.messages import RoadSurface
 from juncnet_services.junction_navigation import turning
-from juncnet_services.junction_navigation.arms import RINGS, Arms, arms
+from juncnet_services.junction_navigation.arms import RINGS, arms
 from juncnet_services.report.flight_data import Marked
 from juncnet_services.report.flight_map import INK, MARK, PATH, turn_words
 
@@ -37,9 +37,9 @@ def draw_surface(axes: Any, marked: Marked, surface: RoadSurface) -> None:
     found, taken_rad = arms(surface), None
     turn = marked.event.turn
     if turn is not None:
-        wanted_rad = turning.angle_rad(turn)
-        taken_rad = _taken_rad(found, wanted_rad, turning.arm_limits_rad(turn))
-        _arrow(axes, wanted_rad, MARK, "-", ":")
+        nearest = found.towards(turning.sector(turn))
+        taken_rad = None if nearest is None else nearest[0]
+        _arrow(axes, turning.angle_rad(turn), MARK, "-", ":")
     for arm in found.arms:
         _arrow(axes, arm.bearing_rad((arm.left_rad + arm.right_rad) / 2), PATH)
     if taken_rad is not None:
@@ -47,11 +47,6 @@ def draw_surface(axes: Any, marked: Marked, surface: RoadSurface) -> None:
     axes.plot(0, 0, marker=(3, 0, 0), markersize=11, color=INK)
     axes.set_axis_off()
     axes.set_title(f"{marked.event.count}: {turn_words(turn)}", fontsize=11)
-
-
-def _taken_rad(found: Arms, wanted_rad: float, limits_rad: tuple[float, float]) -> float | None:
-    nearest = found.towards(wanted_rad, *limits_rad)
-    return None if nearest is None else nearest[0]
 
 
 def _arrow(axes: Any, bearing_rad: float, colour: str, head: str = "-|>", line: str = "-") -> None:
