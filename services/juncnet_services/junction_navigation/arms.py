@@ -20,7 +20,8 @@ DIRECTIONS = 180
 STEP_RAD = 2 * math.pi / DIRECTIONS
 BEARINGS = STEP_RAD * np.arange(DIRECTIONS) - math.pi
 RINGS = ((8.0, 8.5, 9.0), (6.5, 7.0, 7.5))
-"""Radii in metres, of which two of three decide; the inner ones where the outer show nothing."""
+"""Radii in metres, of which two of three decide; the inner ones where the outer show nothing. A map
+that shows nothing at either, as of a camera lower than 1.5 m, has no arms."""
 INWARD = (7.5, 6.5, 5.5, 4.5, 3.5)
 """Radii at which an arm must go on towards the robot, unless nothing was seen there."""
 GAP = 2

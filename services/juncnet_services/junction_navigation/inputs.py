@@ -164,9 +164,7 @@ class Inputs:
         """
         if self._seen is None or not self._seen.centre:
             return yaw_rad
-        centre = self._seen.centre
-        x_m, y_m = centre[len(centre) // 2]
-        return yaw_rad + math.atan2(y_m, x_m)
+        return yaw_rad + turning.bearing_rad(self._seen)
 
     @property
     def road_bent(self) -> bool:

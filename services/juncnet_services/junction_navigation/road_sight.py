@@ -108,4 +108,4 @@ class RoadSight:
     def reset(self) -> None:
         """Forget all frames."""
         self._agreeing = self._aligned = self._waited = 0
-        self.direction_rad = None
+        self.direction_rad, self.followed = None, False
