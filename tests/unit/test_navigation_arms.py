@@ -118,14 +118,26 @@ def test_a_turn_on_the_spot_ends_on_an_arm_that_leads_little_aside() -> None:
     assert sight.aligned
 
 
-def test_neither_the_way_on_nor_the_way_back_is_left_or_right() -> None:
-    for name, sign in (("left", 1), ("right", -1)):
-        turn = TurnProgress(turn=Turn.model_validate({"at": 1, "turn": name}), nominal_rad=0.0)
-        turn.nominal_rad = turning.angle_rad(turn.turn)
-        sight = RoadSight(NavigatorConfig())
-        for _ in range(4):
-            sight.see(command(roads(178 * sign, 12 * sign), 12 * sign), 0.0, turn)
-        assert turn.arm_rad is None
+@pytest.mark.parametrize("sign", [1, -1], ids=["left", "right"])
+@pytest.mark.parametrize(
+    ("arm_deg", "unseen_deg", "taken"),
+    [(12, None, True), (12, (30, 150), False), (-25, None, False), (178, None, False)],
+    ids=["where the road bends", "who knows", "the other side", "the way back"],
+)
+def test_what_leads_little_aside_is_left_or_right_if_nothing_else_is(
+    arm_deg: float, unseen_deg: tuple[float, float] | None, taken: bool, sign: int
+) -> None:
+    turn = TurnProgress(
+        turn=Turn.model_validate({"at": 1, "turn": "left" if sign == 1 else "right"}),
+        nominal_rad=sign * math.pi / 2,
+    )
+    mark = roads(178 * sign, arm_deg * sign)
+    if unseen_deg is not None:
+        mark = hidden(mark, *sorted(sign * angle for angle in unseen_deg))
+    sight = RoadSight(NavigatorConfig())
+    for _ in range(4):
+        sight.see(command(mark, arm_deg * sign), 0.0, turn)
+    assert (turn.arm_rad is not None) is taken
 
 
 def test_behind_a_turn_the_road_of_its_arm_is_followed_and_no_other() -> None:

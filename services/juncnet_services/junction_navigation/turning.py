@@ -19,9 +19,9 @@ BEND_RADIUS_M = 15.0
 """and the farther the robot has gone, the more the road may have bent."""
 HELD_BACK_RAD = 0.5
 """How far aside a road leads at least that an arc may lead onto that was held back."""
-ANGLE_RAD, LEAST_ASIDE_RAD, BACK_RAD = (math.radians(angle) for angle in (55, 20, 155))
+ANGLE_RAD, LEAST_ASIDE_RAD, BACK_RAD = (math.radians(angle) for angle in (55, -10, 155))
 """How far off an angle that is said an arm may be; how far aside one that is left or right leads at
-least and at most."""
+least, for the robot's road may bend before its junction, and at most."""
 ARM_RAD = 0.45
 """A line on an arm may lie so far off the arm's bearing, which was taken from beside the arm's axis
 perhaps."""
@@ -139,13 +139,14 @@ def bearing_rad(seen: RoadSeen) -> float:
 def sector(turn: Turn, in_place: bool = True) -> Sector:
     """Return where, from the direction of the robot's road, the arm of a turn is looked for.
 
-    `left` and `right` mean the nearest to a right angle of what leads neither on nor back. A robot
+    `left` and `right` mean the nearest to a right angle of what does not lead back or away. A robot
     on an arc cannot look around: it does not wait for what may lie beyond the turn's angle.
     """
     angle = angle_rad(turn)
     if turn.angle_deg is not None or is_straight(turn):
         return Sector(angle, angle - ANGLE_RAD, angle + ANGLE_RAD, in_place)
-    least, most = sorted((math.copysign(LEAST_ASIDE_RAD, angle), math.copysign(BACK_RAD, angle)))
+    sign = math.copysign(1.0, angle)
+    least, most = sorted((sign * LEAST_ASIDE_RAD, sign * BACK_RAD))
     return Sector(angle, least, most, in_place)
 
 
