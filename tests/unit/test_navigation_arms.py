@@ -120,16 +120,28 @@ def test_a_turn_on_the_spot_ends_on_an_arm_that_leads_little_aside() -> None:
 
 @pytest.mark.parametrize("sign", [1, -1], ids=["left", "right"])
 @pytest.mark.parametrize(
-    ("arm_deg", "unseen_deg", "taken"),
-    [(12, None, True), (12, (30, 150), False), (-25, None, False), (178, None, False)],
-    ids=["where the road bends", "who knows", "the other side", "the way back"],
+    ("arm_deg", "held_back", "unseen_deg", "taken"),
+    [
+        (12, True, None, True),
+        (12, False, None, False),
+        (12, True, (30, 150), False),
+        (-25, True, None, False),
+        (178, True, None, False),
+    ],
+    ids=["held back", "not yet", "who knows", "the other side", "the way back"],
 )
-def test_what_leads_little_aside_is_left_or_right_if_nothing_else_is(
-    arm_deg: float, unseen_deg: tuple[float, float] | None, taken: bool, sign: int
+def test_what_leads_little_aside_is_left_or_right_where_an_arc_was_held_back(
+    arm_deg: float,
+    held_back: bool,
+    unseen_deg: tuple[float, float] | None,
+    taken: bool,
+    sign: int,
 ) -> None:
     turn = TurnProgress(
         turn=Turn.model_validate({"at": 1, "turn": "left" if sign == 1 else "right"}),
         nominal_rad=sign * math.pi / 2,
+        radius_m=3.0,
+        held_back=held_back,
     )
     mark = roads(178 * sign, arm_deg * sign)
     if unseen_deg is not None:

@@ -32,7 +32,8 @@ class RoadSight:
         must be sure of the same one before it takes over.
         """
         axis_rad = turn.nominal_rad - turning.angle_rad(turn.turn)
-        if self._see_arm(road, yaw, turning.sector(turn.turn, turn.in_place).turned(axis_rad)):
+        sector = turning.sector(turn.turn, turn.in_place, turn.held_back)
+        if self._see_arm(road, yaw, sector.turned(axis_rad)):
             turn.arm_rad = self.agreed_rad
             return
         turn.arm_rad = None

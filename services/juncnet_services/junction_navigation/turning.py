@@ -19,9 +19,11 @@ BEND_RADIUS_M = 15.0
 """and the farther the robot has gone, the more the road may have bent."""
 HELD_BACK_RAD = 0.5
 """How far aside a road leads at least that an arc may lead onto that was held back."""
-ANGLE_RAD, LEAST_ASIDE_RAD, BACK_RAD = (math.radians(angle) for angle in (55, -10, 155))
+ANGLE_RAD, ASIDE_RAD, BACK_RAD = (math.radians(angle) for angle in (55, 20, 155))
 """How far off an angle that is said an arm may be; how far aside one that is left or right leads at
-least, for the robot's road may bend before its junction, and at most."""
+least and at most."""
+LEAST_ASIDE_RAD = math.radians(-10)
+"""How far aside at least where an arc was held back: the robot's road may have bent before."""
 ARM_RAD = 0.45
 """A line on an arm may lie so far off the arm's bearing, which was taken from beside the arm's axis
 perhaps."""
@@ -136,17 +138,18 @@ def bearing_rad(seen: RoadSeen) -> float:
     return math.atan2(y_m, x_m)
 
 
-def sector(turn: Turn, in_place: bool = True) -> Sector:
+def sector(turn: Turn, in_place: bool = True, held_back: bool = False) -> Sector:
     """Return where, from the direction of the robot's road, the arm of a turn is looked for.
 
-    `left` and `right` mean the nearest to a right angle of what does not lead back or away. A robot
-    on an arc cannot look around: it does not wait for what may lie beyond the turn's angle.
+    `left` and `right` mean the nearest to a right angle of what leads neither on nor back; where an
+    arc was held back, there was none, and what leads on may be meant. A robot on an arc cannot look
+    around: it does not wait for what may lie beyond the turn's angle.
     """
     angle = angle_rad(turn)
     if turn.angle_deg is not None or is_straight(turn):
         return Sector(angle, angle - ANGLE_RAD, angle + ANGLE_RAD, in_place)
-    sign = math.copysign(1.0, angle)
-    least, most = sorted((sign * LEAST_ASIDE_RAD, sign * BACK_RAD))
+    sign, aside_rad = math.copysign(1.0, angle), LEAST_ASIDE_RAD if held_back else ASIDE_RAD
+    least, most = sorted((sign * aside_rad, sign * BACK_RAD))
     return Sector(angle, least, most, in_place)
 
 
