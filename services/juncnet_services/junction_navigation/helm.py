@@ -11,7 +11,7 @@ from juncnet_services.junction_navigation.progress import Progress, TurnProgress
 HOLD_YAW_RADPS = 0.5
 HELD_RAD = 0.35
 """How far off the held heading a robot that cannot turn in place evades what is no road."""
-ARM_RAD = 0.2
+KNOWN_RAD = 0.2
 """How well the direction of an arm is known that a map of the surface shows."""
 LIKELIER = 0.7
 """Part of the angles that a turn may have, around its own, that is waited for: towards the others
@@ -53,7 +53,7 @@ class Helm:
         limit = 1 / turn.radius_m
         wanted = min(max(rate / speed_mps, -limit), limit)
         known = turn.arm_rad is not None
-        within = ARM_RAD if known else turning.search_arc(turn.turn, 0.0, config)[1]
+        within = KNOWN_RAD if known else turning.search_arc(turn.turn, 0.0, config)[1]
         arc = self._arcs.on_road(wanted, error, within)
         return Velocity(forward_mps=speed_mps, yaw_rate_radps=arc * speed_mps)
 
