@@ -34,6 +34,7 @@ from juncnet_services.junction_navigation.speed import braking_mps, feasible, sc
 from juncnet_services.junction_navigation.store import FILE_NAME, Resumed, Store
 
 BAND = CameraGeometry().band
+FRAME_NS = 40_000_000
 MISSION = Mission(turns=(Turn(at=1, turn="left"),), finish_after=2)
 MODEL = ModelIdentity(name="m", sha256="0" * 64)
 MEASURING = Capabilities(kind="copter", turns_in_place=True, telemetry=True)
@@ -331,3 +332,22 @@ def test_missions_that_come_with_the_product_are_valid() -> None:
     assert load_mission(MISSION) is MISSION
     with pytest.raises(FileNotFoundError, match="left_right"):
         load_mission("no_such_mission")
+
+
+@pytest.mark.parametrize(
+    ("scores", "fell_at"),
+    [
+        ([0.0, *[1.0] * 10, *[0.42] * 25, *[0.0] * 5], 10.5),
+        ([0.0, *[1.0] * 10, *[0.7] * 20, *[0.0] * 5], 20.5),
+    ],
+    ids=["lingers below what it rises at", "sinks slowly"],
+)
+def test_a_score_that_lingers_fell_half_way_from_certain(
+    scores: list[float], fell_at: float
+) -> None:
+    detector = JunctionDetector(DetectorConfig(smoothing_s=0.01), BAND, progress())
+    falls: list[float] = []
+    for number, probability in enumerate(scores):
+        if detector.smooth(10**10 + number * FRAME_NS, probability) is False:
+            falls.append(number * FRAME_NS / 1e9 - detector.fall_lag_s)
+    assert falls == [pytest.approx(fell_at * FRAME_NS / 1e9, abs=0.02)]

@@ -25,12 +25,10 @@ from juncnet.messages import (
 from juncnet_services.junction_navigation import turning
 from juncnet_services.junction_navigation.axis import RoadAxis
 from juncnet_services.junction_navigation.config import (
-    DetectorConfig,
     NavigatorConfig,
     TurnConfig,
 )
 from juncnet_services.junction_navigation.decision import Decision
-from juncnet_services.junction_navigation.detector import JunctionDetector
 from juncnet_services.junction_navigation.inputs import Inputs
 from juncnet_services.junction_navigation.navigator import Navigator
 from juncnet_services.junction_navigation.plan import JunctionPlan
@@ -312,26 +310,6 @@ def test_a_line_taken_for_the_road_before_a_junction_is_forgotten_on_the_way_to_
             flown.progress.junction = Junction(rise_m=0.0)
         step(flown, number, road(number, 0.7 if number < 41 else 0.1, confidence=1.0))
     assert flown.progress.axis_rad == pytest.approx(0.1, abs=0.05)
-
-
-@pytest.mark.parametrize(
-    ("scores", "fell_at"),
-    [
-        ([0.0, *[1.0] * 10, *[0.42] * 25, *[0.0] * 5], 10.5),
-        ([0.0, *[1.0] * 10, *[0.7] * 20, *[0.0] * 5], 20.5),
-    ],
-    ids=["lingers below what it rises at", "sinks slowly"],
-)
-def test_a_score_that_lingers_fell_half_way_from_certain(
-    scores: list[float], fell_at: float
-) -> None:
-    state = Progress(flight="f", configured=STRAIGHT, mission=STRAIGHT)
-    detector = JunctionDetector(DetectorConfig(smoothing_s=0.01), BAND, state)
-    falls: list[float] = []
-    for number, probability in enumerate(scores):
-        if detector.smooth(NOW + number * STEP, probability) is False:
-            falls.append(number * STEP / 1e9 - detector.fall_lag_s)
-    assert falls == [pytest.approx(fell_at * STEP / 1e9, abs=0.02)]
 
 
 @pytest.mark.parametrize(
