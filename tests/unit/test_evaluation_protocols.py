@@ -6,8 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from juncnet.learning.datasets import Dataset, DatasetInfo, open_dataset, write_info
-from juncnet.learning.evaluate import sites_of, with_band
+from juncnet.learning.datasets import (
+    Dataset,
+    DatasetInfo,
+    open_dataset,
+    sites_of,
+    write_info,
+)
+from juncnet.learning.evaluate import with_band
 from juncnet.learning.evaluation.answers import Answers
 from juncnet.learning.evaluation.protocols import divided, protocol_of
 from juncnet.learning.samples import Samples

@@ -11,10 +11,10 @@ from juncnet.learning.datasets import (
     DatasetInfo,
     Row,
     open_dataset,
+    sites_of,
     write_dataset,
     write_info,
 )
-from juncnet.learning.evaluate import sites_of
 from juncnet.learning.samples import Samples
 
 INFO = DatasetInfo(classes=("none", "junction"), made_by="a test")
@@ -61,8 +61,10 @@ def test_class_folders_alone(tmp_path: Path) -> None:
     write_pictures(tmp_path)
     dataset = open_dataset(tmp_path)
     assert dataset.classes == ("none", "junction")
-    assert len(set(dataset.site.tolist())) == 3
-    assert not sites_of(dataset)[1]
+    assert set(dataset.site.tolist()) == {""}
+    sites, known = sites_of(dataset)
+    assert len(set(sites.tolist())) == 3
+    assert not known
 
 
 def test_a_folder_a_site_in_class_folders(tmp_path: Path) -> None:
@@ -75,8 +77,10 @@ def test_a_folder_a_site_in_class_folders(tmp_path: Path) -> None:
     assert sites_of(dataset)[1]
     cv2.imwrite(str(tmp_path / "none" / "0.png"), np.zeros((4, 4, 3), np.uint8))
     with_one_alone = open_dataset(tmp_path)
-    assert set(with_one_alone.site.tolist()) == {"none/0", "elm", "oak"}
-    assert not sites_of(with_one_alone)[1]
+    assert set(with_one_alone.site.tolist()) == {"", "elm", "oak"}
+    sites, known = sites_of(with_one_alone)
+    assert set(sites.tolist()) == {"none/0", "elm", "oak"}
+    assert not known
 
 
 def test_shards_stay_on_disk_and_are_read_in_any_order(tmp_path: Path) -> None:

@@ -206,6 +206,14 @@ def test_parts_are_whole_sites(tmp_path: Path) -> None:
     assert "nothing held out" in alone.how
 
 
+def test_pictures_whose_site_nobody_told_are_held_out_by_clip(tmp_path: Path) -> None:
+    data = open_dataset(write(tmp_path / "d"))
+    data.site[:] = ""
+    parts = divide(data, 0)
+    assert parts.how == "1 of 6 clips and sites held out"
+    assert not set(parts.training.clip) & set(parts.validation.clip)
+
+
 def test_fine_tuning_starts_from_the_model(tmp_path: Path) -> None:
     data = [open_dataset(write(tmp_path / "d"))]
     first = Order(QUICK.model_copy(update={"epochs": 20}), 0, "first", tmp_path / "first.onnx")

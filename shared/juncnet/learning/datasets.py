@@ -31,8 +31,6 @@ INFO, TABLE = "dataset.json", "samples.csv"
 COLUMNS = ("path", "class", "clip", "site", "split", "time_s")
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
 Split = Literal["", "train", "validation", "test"]
-CLASS_FOLDERS, SITE_FOLDERS = "class folders", "class folders with a folder a site"
-"""What made a dataset without `dataset.json`; the former: of some pictures nobody told the site."""
 SPLITS: tuple[Split, ...] = ("", "train", "validation", "test")
 """Which part of a dataset a picture belongs to; empty: nobody has decided."""
 Bytes = NDArray[np.uint8]
@@ -147,6 +145,18 @@ class Dataset:
         )
 
 
+def sites_of(data: Dataset) -> tuple[NDArray[np.str_], bool]:
+    """Return the site of each picture (N,), and whether all are known.
+
+    Unknown ones are taken to be clips, and unknown clips to be single pictures: figures from those
+    alone look surer than they are.
+    """
+    single = np.array([f"picture {i}" for i in range(len(data))], np.str_)
+    clips = np.where(data.clip == "", single, data.clip)
+    sites = np.where(data.site == "", clips, data.site)
+    return np.asarray(sites, np.str_), bool((data.site != "").all())
+
+
 def open_dataset(path: Path | str) -> Dataset:
     """Return the dataset in the folder `path`.
 
@@ -240,7 +250,7 @@ def _from_rows(folder: Path, info: DatasetInfo, rows: list[Row]) -> Dataset:
 
 
 def _from_class_folders(folder: Path) -> Dataset:
-    """Read class folders; a picture in no folder of a site is taken for a site of its own."""
+    """Read class folders; a picture in no folder of a site has none, and is a clip of its own."""
     pictures = {p.name: found for p in folder.iterdir() if p.is_dir() and (found := _pictures(p))}
     classes = sorted(pictures, key=lambda name: (name != "none", name))
     if len(classes) < 2:
@@ -252,11 +262,10 @@ def _from_class_folders(folder: Path) -> Dataset:
     for name in classes:
         for path in pictures[name]:
             inside = path.relative_to(folder / name).parent
-            site = inside.as_posix() if inside.name else f"{name}/{path.stem}"
-            rows.append(Row(path.relative_to(folder).as_posix(), name, site, site))
-    alone = any(row.path.count("/") == 1 for row in rows)
-    made_by = CLASS_FOLDERS if alone else SITE_FOLDERS
-    return _from_rows(folder, DatasetInfo(classes=tuple(classes), made_by=made_by), rows)
+            site = inside.as_posix() if inside.name else ""
+            clip = site or f"{name}/{path.stem}"
+            rows.append(Row(path.relative_to(folder).as_posix(), name, clip, site))
+    return _from_rows(folder, DatasetInfo(classes=tuple(classes), made_by="class folders"), rows)
 
 
 def _pictures(folder: Path) -> list[Path]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from juncnet.features import Extractor
 from juncnet.inference import Network
-from juncnet.learning.datasets import CLASS_FOLDERS, Dataset
+from juncnet.learning.datasets import Dataset, sites_of
 from juncnet.learning.evaluation.answers import NONE, Answers
 from juncnet.learning.evaluation.metrics import balanced_accuracy, confusion_matrix
 from juncnet.learning.evaluation.scores import Latency
@@ -79,19 +79,6 @@ def answers(model: LoadedModel, data: Dataset, grouping: Grouping = "clip") -> A
     site, _ = sites_of(data)
     group = site if grouping == "site" else data.clip
     return Answers(classes, probability, label, site, group)
-
-
-def sites_of(data: Dataset) -> tuple[NDArray[np.str_], bool]:
-    """Return the site of each picture (N,), and whether it is known.
-
-    Unknown ones are taken to be clips, and unknown clips to be single pictures: figures from those
-    alone look surer than they are.
-    """
-    single = np.array([f"picture {i}" for i in range(len(data))], np.str_)
-    clips = np.where(data.clip == "", single, data.clip)
-    sites = np.where(data.site == "", clips, data.site)
-    known = bool((data.site != "").all()) and data.info.made_by != CLASS_FOLDERS
-    return np.asarray(sites, np.str_), known
 
 
 def with_band(given: Answers, data: Dataset) -> float | None:

@@ -14,7 +14,7 @@ import torch
 from juncnet.camera import FAR_HEIGHTS, NEAR_ROW
 from juncnet.features import Extractor
 from juncnet.inference import Network
-from juncnet.learning.datasets import Dataset, DatasetError
+from juncnet.learning.datasets import Dataset, DatasetError, sites_of
 from juncnet.learning.export import Exported, export
 from juncnet.learning.fit import Point, Trainer, predict
 from juncnet.learning.footage.intervals import FootageError
@@ -81,7 +81,8 @@ def divide(dataset: Dataset, seed: int) -> Parts:
     judged = own.split == "validation"
     if judged.any():
         return Parts(own.where(~judged), own.where(judged), "its own validation part")
-    for word, groups in (("sites", own.site), ("clips", own.clip)):
+    site, known = sites_of(own)
+    for word, groups in (("sites" if known else "clips and sites", site), ("clips", own.clip)):
         held = _held_out(own, groups, seed)
         if held is not None:
             count = len(np.unique(groups[held]))

@@ -150,7 +150,8 @@ def _write_sheets(contents: Contents, unreadable: set[int], sheets: Path) -> lis
 
 
 def _caption(row: Row) -> str:
-    return row.site if math.isnan(row.time_s) else f"{row.site}  {row.time_s:.1f} s"
+    site = row.site or row.clip
+    return site if math.isnan(row.time_s) else f"{site}  {row.time_s:.1f} s"
 
 
 def text(directory: Path, samples: Sequence[Row], report: Report) -> str:

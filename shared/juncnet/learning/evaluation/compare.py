@@ -8,8 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from juncnet.features import Preprocessing
-from juncnet.learning.datasets import Dataset
-from juncnet.learning.evaluate import sites_of
+from juncnet.learning.datasets import Dataset, sites_of
 from juncnet.learning.evaluation.answers import Answers
 from juncnet.learning.evaluation.contestants import Budget, Trained, train
 from juncnet.learning.evaluation.protocols import Parts

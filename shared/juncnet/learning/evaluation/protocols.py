@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from juncnet.learning.datasets import Dataset
-from juncnet.learning.evaluate import sites_of
+from juncnet.learning.datasets import Dataset, sites_of
 from juncnet.learning.footage.splits import deal_groups
 
 Protocol = Literal["unseen sites", "seen sites", "sites unknown", "no split"]

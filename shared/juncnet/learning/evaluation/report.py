@@ -2,13 +2,12 @@
 
 from pathlib import Path
 
-from juncnet.learning.datasets import Dataset
+from juncnet.learning.datasets import Dataset, sites_of
 from juncnet.learning.evaluate import (
     Grouping,
     LoadedModel,
     answers,
     latency,
-    sites_of,
     with_band,
 )
 from juncnet.learning.evaluation.answers import Answers
