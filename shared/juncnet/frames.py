@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from juncnet.messages import MessageError, PixelFormat, Stamp
 
+BYTE = np.dtype(np.uint8)
+
 
 @dataclass(frozen=True)
 class FrameLayout:
@@ -59,7 +61,7 @@ class FrameLayout:
         return self.stride * self.height * 3 // 2 if planar else self.stride * self.height
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Frame:
     """A picture and the stamp of its capture.
 
@@ -72,7 +74,7 @@ class Frame:
     pixels: NDArray[np.uint8]
 
     def __post_init__(self) -> None:
-        if self.pixels.ndim != 1 or self.pixels.dtype != np.uint8:
+        if self.pixels.ndim != 1 or self.pixels.dtype != BYTE:
             raise MessageError("Frame.pixels: needs a flat uint8 array")
         if self.pixels.size != self.layout.nbytes:
             raise MessageError(

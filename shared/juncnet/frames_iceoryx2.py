@@ -229,9 +229,10 @@ class IceoryxFrameWriter:
     def finish(self, sample: Any, header: Stamp, layout: FrameLayout) -> None:
         """Complete a loaned sample with its prefix, send it and wake the readers."""
         with self._lock:
-            prefix = FramePrefix(header, layout, self._writer, self._serial).pack()
+            head = _head(sample.payload_ptr)
+            FramePrefix(header, layout, self._writer, self._serial).pack_into(head)
             self._serial += 1
-            ctypes.memmove(sample.payload_ptr, prefix, PREFIX_BYTES)
+            prefix = bytes(head)
             sample.assume_init().send()
             self._notify()
             time.sleep(HEAD_START_S)
@@ -329,7 +330,7 @@ class IceoryxFrameReader:
     def _frame(self, sample: Any) -> Frame:
         length: int = sample.header.number_of_elements
         address: int = sample.payload_ptr
-        prefix = FramePrefix.unpack(ctypes.string_at(address, min(length, PREFIX_BYTES)))
+        prefix = FramePrefix.unpack(_head(address)[:length])
         if length != PREFIX_BYTES + prefix.layout.nbytes:
             raise MessageError(f"Frame.pixels: {length - PREFIX_BYTES} bytes, {prefix.layout}")
         self._gate.passed(prefix)
@@ -338,6 +339,12 @@ class IceoryxFrameReader:
 
 
 @lru_cache(maxsize=64)
+def _head(address: int) -> memoryview:
+    """Return the memory of the prefix of a sample, without a copy."""
+    return _view(address, PREFIX_BYTES, True).data
+
+
+@lru_cache(maxsize=128)
 def _view(address: int, nbytes: int, writeable: bool) -> NDArray[np.uint8]:
     """Return `nbytes` of memory at `address` as uint8, without a copy; it does not keep them.
 

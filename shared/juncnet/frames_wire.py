@@ -23,7 +23,8 @@ PIXELS_KEY = "@pixels"
 """Chunk below a frame topic's key for whole frames; `*` and `**` never match a chunk with `@`, so
 nobody asks for raw pixels by watching everything."""
 
-_FIELDS = struct.Struct("<8sHBBIIIQQQQQQQB128s43x")
+_FIELDS = struct.Struct("<8sHBBIIIQQQQQQQB128s43xI")
+"""The last one is the CRC-32 of the bytes before it."""
 _CHECK = struct.Struct("<I")
 _BODY_BYTES = PREFIX_BYTES - _CHECK.size
 _FORMATS: tuple[PixelFormat, ...] = (
@@ -43,10 +44,18 @@ class FramePrefix(NamedTuple):
     serial: int
 
     def pack(self) -> bytes:
-        """Return the prefix as `PREFIX_BYTES` bytes, little-endian, its CRC-32 at the end."""
+        """Return the prefix as `PREFIX_BYTES` bytes."""
+        data = bytearray(PREFIX_BYTES)
+        self.pack_into(memoryview(data))
+        return bytes(data)
+
+    def pack_into(self, data: memoryview) -> None:
+        """Write the prefix into `PREFIX_BYTES` bytes, little-endian, its CRC-32 at the end."""
         clock = self.header.clock.encode()
         layout = self.layout
-        body = _FIELDS.pack(
+        _FIELDS.pack_into(
+            data,
+            0,
             MAGIC,
             VERSION,
             _FORMATS.index(layout.format),
@@ -63,11 +72,12 @@ class FramePrefix(NamedTuple):
             self.header.uncertainty_ns,
             len(clock),
             clock,
+            0,
         )
-        return body + _CHECK.pack(zlib.crc32(body))
+        _CHECK.pack_into(data, _BODY_BYTES, zlib.crc32(data[:_BODY_BYTES]))
 
     @classmethod
-    def unpack(cls, data: bytes) -> "FramePrefix":
+    def unpack(cls, data: bytes | memoryview) -> "FramePrefix":
         """Return the prefix that stands at the beginning of `data`.
 
         Raises:
@@ -91,15 +101,14 @@ def _layout(code: int, width: int, height: int, stride: int) -> FrameLayout:
     return layout
 
 
-def _values(data: bytes) -> tuple[Any, ...]:
+def _values(data: bytes | memoryview) -> tuple[Any, ...]:
     """Return the fields of the undamaged prefix at the beginning of `data`."""
     if len(data) < PREFIX_BYTES:
         raise MessageError(f"Frame.prefix: {len(data)} bytes, needs {PREFIX_BYTES}")
-    body = data[:_BODY_BYTES]
-    values: tuple[Any, ...] = _FIELDS.unpack(body)
+    values: tuple[Any, ...] = _FIELDS.unpack_from(data)
     if values[0] != MAGIC or values[1] != VERSION:
         raise MessageError(f"Frame.prefix: not a frame of version {VERSION}")
-    if _CHECK.unpack_from(data, _BODY_BYTES)[0] != zlib.crc32(body):
+    if values[-1] != zlib.crc32(data[:_BODY_BYTES]):
         raise MessageError("Frame.prefix: damaged, its checksum differs")
     return values
 
