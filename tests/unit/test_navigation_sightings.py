@@ -8,6 +8,7 @@ import pytest
 from juncnet.camera import CameraGeometry
 from juncnet.messages import Capabilities, Mission, Phase, RoadOpening, RoadSeen, Turn
 from juncnet_services.junction_navigation.config import NavigatorConfig
+from juncnet_services.junction_navigation.detector import JunctionDetector
 from juncnet_services.junction_navigation.place import MOUTH_BEFORE_M, mouth_m
 from juncnet_services.junction_navigation.plan import BESIDE_M, JunctionPlan
 from juncnet_services.junction_navigation.progress import Junction, Progress, Sighting
@@ -145,6 +146,24 @@ def test_an_opening_behind_where_a_junction_was_left_is_anothers(
     state.left_m = left_m
     sightings = approach(state, 15.0, 8.0, smoothed=0.7)
     assert (sightings.next_junction() is not None) is another
+
+
+def test_a_score_that_fell_before_the_last_junction_was_left_moves_no_opening() -> None:
+    """The junctions are so near that the rise and fall of the second's score counted for nothing:
+    it is where its opening is, not as far ahead as while its score is high."""
+    state = progress()
+    detector = JunctionDetector(NavigatorConfig().detector, BAND, state)
+    state.junction, state.high, state.smoothed = Junction(rise_m=-20.0, fall_m=-8.0), True, 0.97
+    detector.risen(1.0, "junction")
+    detector.watch("junction")
+    sightings = approach(state, 15.0, 9.5, smoothed=0.97)
+    state.high = False
+    detector.fallen(9.3)
+    state.junction, state.left_m, state.odometer_m = None, 10.5, 10.5
+    assert detector.next_junction() is None
+    found = sightings.next_junction()
+    assert found is not None
+    assert mouth_m(found, BAND, 10.5) == pytest.approx(15.0 - MOUTH_BEFORE_M, abs=0.15)
 
 
 @pytest.mark.parametrize(("turn", "believed"), [("left", True), ("right", False)])

@@ -14,7 +14,7 @@ SINKING_NS = 1_000_000_000
 
 
 class JunctionDetector:
-    """Keeps `smoothed`, `high`, `candidate` and `junction.fall_m` of a `Progress` up to date."""
+    """Keeps what a `Progress` and its junctions know of the score up to date."""
 
     def __init__(self, config: DetectorConfig, band: JunctionBand, progress: Progress) -> None:
         self.config, self.band = config, band
@@ -89,13 +89,14 @@ class JunctionDetector:
         ahead = state.junction
         if ahead is not None and not ahead.rise_seen and at_m < mouth_m(ahead, self.band, at_m):
             # A junction that was counted because its opening was seen before the score rose.
-            ahead.rise_m, ahead.rise_seen, ahead.label = at_m, True, label
+            ahead.rise_m, ahead.rise_seen, ahead.fall_m, ahead.label = at_m, True, None, label
         elif state.candidate is None:
             state.candidate = Junction(rise_m=at_m, label=label)
 
     def fallen(self, at_m: float) -> None:
         """Note that the score fell at an odometer reading."""
         state = self._progress
+        state.fell_m = at_m
         if state.candidate is not None:
             state.candidate.fall_m = at_m
         elif state.junction is not None and state.junction.fall_m is None:

@@ -179,6 +179,8 @@ class Progress(BaseModel):
     """Of the vehicle's pose, where it has one."""
     smoothed: float = Field(default=0.0, ge=0, le=1)
     high: bool = False
+    fell_m: float | None = None
+    """Odometer reading where the score fell last."""
     candidate: Junction | None = None
     """A risen score that has not been counted."""
     junction: Junction | None = None

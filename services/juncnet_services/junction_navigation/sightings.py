@@ -104,8 +104,12 @@ class Sightings:
         first = min(sure, key=lambda s: s.near_m)
         found, state.candidate = state.candidate, None
         if found is None:
-            rise_m = sighted_mouth_m(first) - self._band.d_far_m
-            found = Junction(rise_m=rise_m, rise_seen=False, probability=first.probability)
+            found = Junction(
+                rise_m=sighted_mouth_m(first) - self._band.d_far_m,
+                rise_seen=False,
+                fall_m=None if state.high else state.fell_m,
+                probability=first.probability,
+            )
         found.sightings.append(first)
         state.sightings.remove(first)
         return found
