@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from juncnet.messages import MessageError, PixelFormat, Stamp
 
 BYTE = np.dtype(np.uint8)
+"""Made once: a dtype is compared with a dtype faster than with a type, in every frame."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from juncnet.clocks import Instant
 Name = Annotated[
     str, StringConstraints(min_length=1, max_length=128, pattern=r"^[A-Za-z0-9_.:+-]+$")
 ]
+"""Lengths stand beside the pattern, not in it: it is checked in every stamp, and faster so."""
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]

@@ -235,7 +235,7 @@ def _notes(judged: Answers, sites_known: bool) -> tuple[str, ...]:
     notes: list[str] = []
     sites = len(np.unique(judged.site))
     if not sites_known:
-        notes.append("sites of some pictures are unknown: intervals are too narrow")
+        notes.append("sites are unknown (samples.csv may tell them): intervals are too narrow")
     elif sites < FEW_SITES:
         notes.append(f"{sites} sites only: intervals are guesses, or missing")
     missing = [name for k, name in enumerate(judged.classes) if not (judged.label == k).any()]
