@@ -9,8 +9,6 @@ import zlib
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from pydantic import ValidationError
-
 from juncnet.frames import FrameLayout
 from juncnet.messages import MessageError, PixelFormat, Stamp
 
@@ -133,9 +131,8 @@ def _stamp(numbers: tuple[int, int, int, int], clock: bytes) -> Stamp:
             uncertainty_ns=uncertainty_ns,
             clock=clock.decode("ascii", "replace"),
         )
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise MessageError(f"Frame.header.{first['loc'][0]}: {first['msg']}") from error
+    except ValueError as error:
+        raise MessageError(f"Frame.header.{error}") from error
 
 
 class SerialGate:

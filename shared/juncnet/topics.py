@@ -120,7 +120,7 @@ def health_topic(service: str) -> Topic[m.Health]:
 
 
 def clock_key(robot: str, clock: str) -> str:
-    """Return the key under which the processes of a host tell the time of its `clock` (a Stamp)."""
+    """Return the key under which a host's processes tell the `ClockReading` of its `clock`."""
     return f"{ROOT}/{robot}/clock/{clock}"
 
 

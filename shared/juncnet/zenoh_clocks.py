@@ -10,7 +10,7 @@ import zenoh
 
 from juncnet.clock_offset import Exchange, Offsets
 from juncnet.clocks import Clock
-from juncnet.messages import MessageError, Stamp
+from juncnet.messages import ClockReading, MessageError
 from juncnet.topics import clock_key
 from juncnet.zenoh_remote import RemoteSession
 
@@ -28,10 +28,10 @@ def tell_time(session: zenoh.Session, robot: str, clock: Clock) -> zenoh.Queryab
     key = clock_key(robot, clock.id)
 
     def answer(query: zenoh.Query) -> None:
-        reading = Stamp(epoch=0, sequence=0, time_ns=clock.now_ns(), clock=clock.id)
+        reading = ClockReading(clock=clock.id, time_ns=clock.now_ns())
         # Zenoh leaves the results of its commands without a type.
         query.reply(  # pyright: ignore[reportUnknownMemberType]
-            key, reading.encode()[0], encoding=Stamp.encoding(), express=True
+            key, reading.encode()[0], encoding=ClockReading.encoding(), express=True
         )
 
     return session.declare_queryable(key, answer)
@@ -88,7 +88,7 @@ class ClockWatch:
         if reply.ok is None:
             return
         try:
-            reading = Stamp.decode(reply.ok.payload.to_bytes())
+            reading = ClockReading.decode(reply.ok.payload.to_bytes())
         except MessageError:
             return
         if reading.clock == clock:

@@ -1,6 +1,7 @@
 """Every message round-trips; what is malformed is refused with the name of the field."""
 
 import json
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -106,6 +107,12 @@ REFUSED = {
         EXAMPLES["command/velocity"], velocity={"forward_mps": float("nan")}
     ),
     "VelocityCommand.header": _with(EXAMPLES["command/velocity"], header={"epoch": 1}),
+    "VelocityCommand.issued: time_ns": _with(
+        EXAMPLES["command/velocity"], issued=asdict(STAMP) | {"time_ns": -1}
+    ),
+    "VelocityCommand.issued.surplus": _with(
+        EXAMPLES["command/velocity"], issued=asdict(STAMP) | {"surplus": 1}
+    ),
     "Override": _with(EXAMPLES["command/override"], kind="manual"),
     "SetMission.mission.turns.0": _with(EXAMPLES["mission/set"], mission={"turns": [{"at": 1}]}),
     "SetMission.mission": _with(
@@ -120,6 +127,18 @@ def test_refusals_name_the_field(where: str) -> None:
     kind, payload = REFUSED[where]
     with pytest.raises(MessageError, match=rf"^{where}"):
         kind.decode(payload)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        *((f, v) for f in ("epoch", "sequence", "time_ns", "uncertainty_ns") for v in (-1, 2**63)),
+        *(("clock", v) for v in ("", "a" * 129, "boot 1", "boot-1\n", "\u00fcber")),
+    ],
+)
+def test_a_stamp_refuses_what_it_cannot_be(field: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=rf"^{field}: "):
+        replace(STAMP, **{field: value})
 
 
 def test_features_check_shape_dtype_and_values() -> None:

@@ -3,6 +3,7 @@
 import os
 import pty
 import termios
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -29,7 +30,7 @@ def test_repeats_until_the_time_is_over() -> None:
 
 def test_returns_the_answer_to_its_own_order_only() -> None:
     first, second = Stamp(epoch=1, sequence=1, time_ns=10**9, clock="fake-clock"), FakeBus().stamp()
-    other = second.model_copy(update={"epoch": 0})
+    other = replace(second, epoch=0)
     own, foreign = (
         Ack(override=stamp, kind=OverrideKind.HOLD, accepted=True, at=second)
         for stamp in (first, other)

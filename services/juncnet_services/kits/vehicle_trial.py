@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -179,7 +179,7 @@ class Stand:
         """Return an act: send what is malformed, and a command of a second ago, again and again."""
         session: Any = self._bus.session
         key, now = COMMAND_VELOCITY.expression(self._bus.robot), self._bus.stamp()
-        old = now.model_copy(update={"time_ns": now.time_ns - NS_PER_S})
+        old = replace(now, time_ns=now.time_ns - NS_PER_S)
         command = VelocityCommand(header=old, issued=old, velocity=AHEAD)
 
         def act() -> int:

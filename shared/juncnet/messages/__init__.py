@@ -9,7 +9,6 @@ from juncnet.messages.base import (
     Probability,
     Reply,
     Sha256,
-    Stamp,
 )
 from juncnet.messages.junctions import (
     EventKind,
@@ -37,6 +36,7 @@ from juncnet.messages.motion import (
 from juncnet.messages.pictures import JpegImage, KeyFrameRequest, PixelFormat, VideoPacket
 from juncnet.messages.scores import ActiveModel, Features, JunctionScore, LoadModel, ModelIdentity
 from juncnet.messages.simulation import SimulatorTruth
+from juncnet.messages.stamp import ClockReading, Stamp
 from juncnet.messages.vehicle import (
     Capabilities,
     GeoPoint,
@@ -53,6 +53,7 @@ __all__ = [
     "ActiveModel",
     "BulkMessage",
     "Capabilities",
+    "ClockReading",
     "EventKind",
     "Features",
     "GeoPoint",

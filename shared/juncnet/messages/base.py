@@ -1,4 +1,4 @@
-"""What every message is made of: JSON or bulk data, decoded strictly; stamps; replies.
+"""What every message is made of: JSON or bulk data, decoded strictly; replies.
 
 Conventions: SI units; x forward, y left, z up; yaw counter-clockwise positive (ROS REP 103).
 Small messages are JSON. Messages with bulk data (`BulkMessage`) carry it as the raw payload with
@@ -10,12 +10,10 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, StringConstraints, ValidationError
 
-from juncnet.clocks import Instant
-
-Name = Annotated[
-    str, StringConstraints(min_length=1, max_length=128, pattern=r"^[A-Za-z0-9_.:+-]+$")
-]
-"""Lengths stand beside the pattern, not in it: it is checked in every stamp, and faster so."""
+NAME_PATTERN = r"^[A-Za-z0-9_.:+-]+$"
+NAME_LENGTH = 128
+Name = Annotated[str, StringConstraints(min_length=1, max_length=NAME_LENGTH, pattern=NAME_PATTERN)]
+"""Lengths stand beside the pattern, not in it: it is checked often, and faster so."""
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
@@ -64,7 +62,8 @@ def _validated(cls: type[M], text: bytes) -> M:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or "payload"
-        raise MessageError(f"{cls.__name__}.{where}: {first['msg']}") from error
+        why = first.get("ctx", {}).get("error", first["msg"])  # without pydantic's "Value error, "
+        raise MessageError(f"{cls.__name__}.{where}: {why}") from error
 
 
 class BulkMessage(Message):
@@ -106,27 +105,6 @@ class BulkMessage(Message):
         message._payload = payload
         message.check_payload()
         return message
-
-
-class Stamp(Message):
-    """Who made something, as which in a row, and when: source epoch, sequence, time and its clock.
-
-    A frame's stamp says when it was captured and travels unchanged, as `header`, with all that
-    follows from it. A command's stamp, `issued`, says when it was decided. The epoch is the wall
-    clock in nanoseconds at the start of the source: a restarted source has a newer one.
-    """
-
-    epoch: int = Field(ge=0, lt=2**63)
-    sequence: int = Field(ge=0, lt=2**63)
-    time_ns: int = Field(ge=0, lt=2**63)
-    """Monotonic nanoseconds on `clock`."""
-    clock: Name
-    uncertainty_ns: int = Field(default=0, ge=0, lt=2**62)
-
-    @property
-    def instant(self) -> Instant:
-        """The time of this stamp as `juncnet.clocks` takes it."""
-        return Instant(self.time_ns, self.clock, self.uncertainty_ns)
 
 
 class Reply(Message):

@@ -5,7 +5,8 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from juncnet.messages.base import Message, Name, Probability, Stamp
+from juncnet.messages.base import Message, Name, Probability
+from juncnet.messages.stamp import Stamp
 
 
 class Turn(Message):

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
-from juncnet.messages.base import Message, Metres, Name, Probability, Stamp
+from juncnet.messages.base import Message, Metres, Name, Probability
+from juncnet.messages.stamp import Stamp
 
 
 class Velocity(Message):

@@ -5,7 +5,8 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from juncnet.messages.base import BulkMessage, Message, MessageError, Stamp
+from juncnet.messages.base import BulkMessage, Message, MessageError
+from juncnet.messages.stamp import Stamp
 
 
 class PixelFormat(StrEnum):

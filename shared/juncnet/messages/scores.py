@@ -13,8 +13,8 @@ from juncnet.messages.base import (
     Name,
     Probability,
     Sha256,
-    Stamp,
 )
+from juncnet.messages.stamp import Stamp
 
 
 class Features(BulkMessage):

@@ -4,8 +4,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from juncnet.messages.base import Message, Stamp
+from juncnet.messages.base import Message
 from juncnet.messages.motion import Velocity
+from juncnet.messages.stamp import Stamp
 from juncnet.messages.vehicle import Pose
 
 

@@ -5,8 +5,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from juncnet.messages.base import Message, Metres, Name, Probability, Stamp
+from juncnet.messages.base import Message, Metres, Name, Probability
 from juncnet.messages.motion import Velocity
+from juncnet.messages.stamp import Stamp
 
 
 class Capabilities(Message):

@@ -1,7 +1,7 @@
 """When what was recorded comes again, and under which stamps. Pure."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from juncnet.clocks import NS_PER_S
@@ -35,12 +35,11 @@ class Shift:
     def stamp(self, stamp: Stamp) -> Stamp:
         """Return the stamp in the time of the replay."""
         older = sum(epoch < stamp.epoch for epoch in self.epochs)
-        return stamp.model_copy(
-            update={
-                "epoch": self.epoch + older,
-                "time_ns": self.time_ns(stamp.time_ns),
-                "clock": self.clock,
-            }
+        return replace(
+            stamp,
+            epoch=self.epoch + older,
+            time_ns=self.time_ns(stamp.time_ns),
+            clock=self.clock,
         )
 
 

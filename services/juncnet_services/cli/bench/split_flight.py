@@ -5,7 +5,7 @@ import os
 import sys
 import time
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 
@@ -90,7 +90,7 @@ class Ears:
         issued = command.issued
         if issued.clock != self.bus.clock.id:
             ns = issued.time_ns - CLOCK_AHEAD_S * NS_PER_S
-            issued = issued.model_copy(update={"time_ns": ns})
+            issued = replace(issued, time_ns=ns)
         self.commands.append(Heard(issued.time_ns, command.header.time_ns, now_ns))
         self.judge.command(command.model_copy(update={"issued": issued}))
 
