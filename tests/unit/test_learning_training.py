@@ -93,6 +93,16 @@ def test_an_interrupted_training_ends_as_an_uninterrupted_one(
     assert last.curve == whole.curve
 
 
+def test_a_curve_s_losses_are_means_the_last_one_s_too() -> None:
+    still = {"rate": 1e-9, "mask_weight": 0, "augmentation": 0, "dropout": 0}
+    t = trainer(QUICK.model_copy(update=still | {"epochs": 15}))
+    t.run()
+    seen = [point.samples // QUICK.batch for point in t.curve]
+    assert seen[-2:] == [44, 45]
+    loss = [point.loss for point in t.curve]
+    np.testing.assert_allclose(loss, loss[0], rtol=0.1)
+
+
 def test_the_best_weights_are_kept_where_that_is_wanted() -> None:
     recipe = QUICK.model_copy(update={"keep_best": True, "rate": 1.0, "epochs": 2})
     good = trainer()

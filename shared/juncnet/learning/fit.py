@@ -109,12 +109,12 @@ class Trainer:
         """
         report = max(1, self.steps // REPORTS)
         if self.recipe.keep_best and not self.curve:
-            self._judge(report)
+            self._judge()
         saved = time.monotonic()
         while self.step < self.steps:
             self._one_step()
             if self.step % report == 0 or self.step == self.steps:
-                self._judge(report)
+                self._judge()
             if progress is not None:
                 progress(self.step, self.steps, self.curve)
             if checkpoint is not None and time.monotonic() - saved > CHECKPOINT_S:
@@ -195,7 +195,7 @@ class Trainer:
                 else:
                     kept.copy_(value)
 
-    def _judge(self, steps: int) -> None:
+    def _judge(self) -> None:
         own = {k: v.clone() for k, v in self._inner.state_dict().items()}
         self._inner.load_state_dict(self.averaged)
         known = self._validation.label >= 0
@@ -207,7 +207,8 @@ class Trainer:
             auc = Ranking(1 - answer[:, 0], self._watched.label > 0).area()
         self._inner.load_state_dict(own)
         seen = self.step * self.recipe.batch
-        self.curve.append(Point(seen, self._loss_sum / steps, accuracy, auc))
+        steps = self.step - (self.curve[-1].samples // self.recipe.batch if self.curve else 0)
+        self.curve.append(Point(seen, self._loss_sum / max(1, steps), accuracy, auc))
         self._loss_sum = 0.0
         if self.recipe.keep_best and (self._best is None or accuracy > self._best[0]):
             self._best = (accuracy, {k: v.clone() for k, v in self.averaged.items()})
