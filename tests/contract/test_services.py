@@ -15,7 +15,7 @@ from juncnet.topics import SERVICES, TOPICS
 
 PACKAGE = Path(juncnet_services.__file__).parent
 TESTS = Path(__file__).parents[1]
-PROCESSES = (*SERVICES, "simulator", "router", "dashboard")
+PROCESSES = (*SERVICES, "simulator", "router", "recorder", "dashboard")
 SHELL_LINES = 80
 LOOP_LINES = 15
 

@@ -5,7 +5,8 @@ import sys
 import threading
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from typing import Protocol
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from juncnet.clocks import NS_PER_S
 from juncnet.frames import Frame, FrameReader
@@ -19,15 +20,19 @@ WAITING = 8
 """Frames that wait for the encoder, 6 MB: a third of a second without any time for it."""
 
 
-class Options(Protocol):
-    """Quality of the video: options of the recorder."""
+class VideoOptions(BaseModel):
+    """Of the video that is encoded here, where the camera gives none of its own."""
 
-    @property
-    def max_width(self) -> int: ...
-    @property
-    def crf(self) -> int: ...
-    @property
-    def key_frame_every(self) -> int: ...
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    max_width: int = Field(
+        default=960,
+        ge=2,
+        le=16384,
+        description="Wider pictures are made smaller [px]; a camera's own video is kept.",
+    )
+    crf: int = Field(default=24, ge=0, le=51, description="Of our own video: 0 is lossless.")
+    key_frame_every: int = Field(default=25, ge=1, description="Frames from key frame to key frame")
 
 
 class Pictures:
@@ -37,7 +42,7 @@ class Pictures:
     Some frames wait for it; when there are more, those that come are left out.
     """
 
-    def __init__(self, reader: FrameReader | None, options: Options) -> None:
+    def __init__(self, reader: FrameReader | None, options: VideoOptions) -> None:
         self._reader, self._max_width = reader, options.max_width
         self._encoder = Encoder(options.crf, options.key_frame_every)
         self._worker = ThreadPoolExecutor(1, "encoder", initializer=_take_what_is_left)

@@ -7,7 +7,7 @@ kill at most the last second is missing, and the next recorder completes the fil
 from contextlib import closing
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from juncnet.bus import Bus
 from juncnet.launch import launch
@@ -15,7 +15,7 @@ from juncnet.priority import give_way
 from juncnet.topics import CAMERA_FRAME, CAMERA_VIDEO
 from juncnet_services.recorder.disk import DiskWatch
 from juncnet_services.recorder.ears import Ears
-from juncnet_services.recorder.pictures import Pictures
+from juncnet_services.recorder.pictures import Pictures, VideoOptions
 from juncnet_services.recorder.session import Limits, begin
 
 NICENESS = 15
@@ -24,10 +24,8 @@ TICK_S = 0.05
 MB = 1_000_000
 
 
-class Config(BaseModel):
+class Config(VideoOptions):
     """Options of the recorder."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     folder: Path = Field(default=Path("recordings"), description="Where the files go.")
     split_mb: int = Field(default=1000, ge=1, description="A new file begins after this size.")
@@ -37,14 +35,6 @@ class Config(BaseModel):
         default=True,
         description="Encode camera/frame as H.264 while the camera itself gives no camera/video.",
     )
-    max_width: int = Field(
-        default=960,
-        ge=2,
-        le=16384,
-        description="Wider pictures are made smaller for that video [px]; a camera's own is not.",
-    )
-    crf: int = Field(default=24, ge=0, le=51, description="Quality of that video: 0 is lossless.")
-    key_frame_every: int = Field(default=25, ge=1, description="Frames from key frame to key frame")
     features: bool = Field(
         default=False,
         description="Record radon/features too, 0.8 MB/s; they follow from the pictures.",
