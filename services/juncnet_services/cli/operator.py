@@ -132,8 +132,8 @@ def verdict(name: str, ack: Ack | None, took_s: float) -> str:
     """Return in one line what became of an order."""
     if ack is None:
         return (
-            f"{name}: NO ANSWER within {took_s:.1f} s: is command_output running, and may this"
-            " certificate give orders?"
+            f"{name}: NO ANSWER within {took_s:.1f} s: is command_output running, is --robot"
+            " its robot, and may this certificate give orders?"
         )
     became = "obeyed" if ack.accepted else "REFUSED"
     return f"{name}: {became} after {1000 * took_s:.0f} ms: {ack.reason}"
