@@ -19,7 +19,7 @@ from juncnet.messages import (
     VelocityCommand,
 )
 from juncnet.topics import COMMAND_ACK, COMMAND_OVERRIDE, COMMAND_VELOCITY, VEHICLE_STATE
-from juncnet_services.command_output.latch import LATCH
+from juncnet_services.command_output.latch import LAST_ACCEPTED, LATCH
 from juncnet_services.command_output.limits import Limits
 from juncnet_services.command_output.service import Config, run
 from juncnet_services.command_output.vehicles import DriverOptions, Hold, Telemetry, open_vehicle
@@ -147,6 +147,15 @@ def test_stop_is_latched_on_disk_when_it_is_acknowledged_and_after_a_restart(
     bus = fly(tmp_path, [say(OverrideKind.RESUME), TICK, *flown(0.4)])
     assert outputs(bus)[-1] is Output.PIPELINE
     assert not (tmp_path / LATCH).exists()
+
+
+def test_a_directory_that_cannot_be_written_ends_neither_flight_nor_stop(tmp_path: Path) -> None:
+    (tmp_path / f"{LAST_ACCEPTED}.new").mkdir()
+    bus = fly(tmp_path, [*flown(0.8), say(OverrideKind.HOLD), TICK, *flown(0.4)])
+    assert outputs(bus) == [Output.PIPELINE, Output.STOPPED]
+    assert "could not be written" in bus.health.errors[0]
+    assert bus.published[COMMAND_ACK.key][0].accepted
+    assert (tmp_path / LATCH).exists()
 
 
 def test_an_unreadable_latch_is_a_stop_that_a_resume_ends(tmp_path: Path) -> None:

@@ -157,8 +157,55 @@ def test_manual_wins_over_the_pipeline_and_lives_as_long() -> None:
     arbiter.command(command(0.0), at(0))
     assert arbiter.override(order(OverrideKind.MANUAL, 0), at(0)).accepted
     assert arbiter.step(at(0)).velocity == Velocity(forward_mps=-1.0)
-    arbiter.command(command(0.16), at(0.16))
-    assert arbiter.step(at(0.16)).output is Output.PIPELINE
+    assert arbiter.step(at(0.149)).output is Output.MANUAL
+    assert not arbiter.step(at(0.151)).moving
+
+
+def test_a_pilot_who_falls_silent_leaves_the_robot_to_nobody_until_it_is_resumed() -> None:
+    arbiter = Arbiter(Rules())
+    arbiter.override(order(OverrideKind.MANUAL, 0), at(0))
+    for restarted in (arbiter, Arbiter(Rules(), arbiter.latched, at(0))):
+        restarted.command(command(0.2), at(0.2))
+        decision = restarted.step(at(0.2))
+        assert decision.output is Output.STOPPED
+        assert "by hand" in decision.reason
+        assert restarted.override(order(OverrideKind.MANUAL, 0.3), at(0.3)).accepted
+        assert restarted.step(at(0.3)).output is Output.MANUAL
+        assert restarted.override(order(OverrideKind.RESUME, 0.6), at(0.6)).accepted
+        restarted.command(command(0.7), at(0.7))
+        assert restarted.step(at(0.7)).output is Output.PIPELINE
+
+
+def test_a_stop_ends_flight_by_hand() -> None:
+    arbiter = Arbiter(Rules())
+    arbiter.override(order(OverrideKind.MANUAL, 0), at(0))
+    arbiter.override(order(OverrideKind.HOLD, 0.05), at(0.05))
+    assert not arbiter.override(order(OverrideKind.MANUAL, 0.1), at(0.1)).accepted
+    assert not arbiter.step(at(0.1)).moving
+
+
+@pytest.mark.parametrize("kind", [OverrideKind.RESUME, OverrideKind.TAKE_OFF])
+@pytest.mark.parametrize("stop", [OverrideKind.HOLD, OverrideKind.LAND])
+def test_what_was_first_given_before_a_stop_is_refused_when_repeated_after_it(
+    kind: OverrideKind, stop: OverrideKind
+) -> None:
+    arbiter = Arbiter(Rules())
+    arbiter.override(order(stop, 1.05), at(1.05))
+    late = order(kind, 1.1).model_copy(update={"first_issued": stamp(1.0)})
+    verdict = arbiter.override(late, at(1.1))
+    assert not verdict.accepted
+    assert "give it again" in verdict.reason
+    assert arbiter.override(order(kind, 1.2), at(1.2)).accepted
+
+
+def test_cut_motors_are_not_forgotten_before_a_resume_not_by_a_restart_either() -> None:
+    arbiter = Arbiter(Rules())
+    arbiter.override(order(OverrideKind.EMERGENCY, 0), at(0))
+    arbiter.override(order(OverrideKind.HOLD, 0.1), at(0.1))
+    for restarted in (arbiter, Arbiter(Rules(), arbiter.latched)):
+        verdict = restarted.override(order(OverrideKind.TAKE_OFF, 0.2), at(0.2))
+        assert not verdict.accepted
+        assert "the motors are cut" in verdict.reason
 
 
 def test_manual_while_stopped_is_refused_with_the_remedy() -> None:
@@ -236,7 +283,9 @@ def test_nothing_old_repeated_or_stopped_is_ever_obeyed(steps: Steps) -> None:
             elif verdict.accepted and kind is not OverrideKind.MANUAL:
                 stopped = True
         decision = arbiter.step(at(now_s))
-        assert not (decision.moving and (stopped or arbiter.latched is not None))
+        by_hand = arbiter.latched is not None and arbiter.latched.kind is LatchKind.MANUAL
+        free = arbiter.latched is None or (by_hand and decision.output is Output.MANUAL)
+        assert not (decision.moving and (stopped or not free))
         if decision.output is Output.PIPELINE:
             assert accepted is not None
             assert now_s - accepted[0] <= 0.15 + 1e-6

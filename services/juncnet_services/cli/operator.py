@@ -61,7 +61,7 @@ def _ordered(
     while True:
         if _seconds_since(bus, started_ns) >= len(ours) * REPEAT_S:
             ours.append(bus.stamp())
-            override = Override(issued=ours[-1], kind=kind, operator=operator)
+            override = Override(issued=ours[-1], kind=kind, operator=operator, first_issued=ours[0])
             bus.publish(COMMAND_OVERRIDE, override)
         bus.wait(REPEAT_S)
         took_s = _seconds_since(bus, started_ns)

@@ -1,5 +1,8 @@
 """Who is obeyed: pure. Emergency > stop, landing, taking off > manual > pipeline > hold.
 
+Once somebody flies by hand the pipeline moves nothing until an operator resumes: a pilot who falls
+silent stops the robot.
+
 An accepted velocity lives until the earliest of: `command_life_s` after its acceptance,
 `MAX_COMMAND_AGE_S` after it was issued, `picture_age_s` after its picture was captured. Then the
 robot holds. `command_life_s` is 0.15 s, so that 50 ms of the 0.2 s remain for the tick of the loop
@@ -55,6 +58,8 @@ class LatchKind(StrEnum):
     LAND = "land"
     EMERGENCY = "emergency"
     LOSS = "loss"
+    MANUAL = "manual"
+    """Flown by hand: velocities by hand are obeyed, nothing else is."""
 
 
 class Latched(BaseModel):
@@ -126,6 +131,8 @@ class Arbiter:
         self._operators: dict[str, ReplayGate] = {}
         self._cut = False
         self._taking_off: Instant | None = None
+        self._stopped: Instant | None = None
+        """When the last order came that stops the robot."""
 
     def command(self, command: VelocityCommand, now: Instant) -> str | None:
         """Take a velocity of the pipeline; return why it is refused, None when it is accepted."""
@@ -150,13 +157,16 @@ class Arbiter:
 
         A hold is obeyed whatever its age, clock or sequence: to stop once too often is safe. All
         others are refused when repeated. Resume, manual and take-off need a known, fresh age; land
-        and emergency are refused only when known to be old. A manual velocity is refused while
-        the robot is stopped: stop wins, so the operator resumes first. A take-off is refused while
-        anything moves the robot, and leaves it stopped: in the air, until an operator resumes.
+        and emergency are refused only when known to be old. A resume or take-off that was first
+        given before the last stop is refused, however often it is given again. A manual velocity is
+        refused while the robot is stopped: stop wins, so the operator resumes first. A take-off is
+        refused while anything moves the robot, and leaves it stopped: in the air, until an operator
+        resumes.
         """
         match order.kind:
             case OverrideKind.HOLD:
                 self._newer(order)
+                self._stopped = now
                 self._latch(LatchKind.HOLD, f"held by {order.operator}")
                 return Verdict(True, "holding until resumed")
             case OverrideKind.LAND | OverrideKind.EMERGENCY:
@@ -172,18 +182,19 @@ class Arbiter:
         """Return what the vehicle shall do at `now`; latches a loss that has lasted too long."""
         self._manual = _living(self._manual, now)
         self._pipeline = _living(self._pipeline, now)
-        if self.latched is None and self._loss_s(now) > self.rules.loss_latch_s:
+        free = self.latched is None or self.latched.kind is LatchKind.MANUAL
+        if free and self._loss_s(now) > self.rules.loss_latch_s:
             reason = f"no command accepted for {self.rules.loss_latch_s:g} s: an operator resumes"
             self._latch(LatchKind.LOSS, reason)
         if self._cut:
             return Decision(Output.EMERGENCY, "motors cut by an operator")
         if self._taking_off is not None and now.ns < self._taking_off.ns:
             return Decision(Output.TAKING_OFF, "taking off")
+        if self._manual is not None:
+            return Decision(Output.MANUAL, "manual", self._manual.velocity, self._manual.ends)
         if self.latched is not None:
             landing = self.latched.kind is LatchKind.LAND
             return Decision(Output.LANDING if landing else Output.STOPPED, self.latched.reason)
-        if self._manual is not None:
-            return Decision(Output.MANUAL, "manual", self._manual.velocity, self._manual.ends)
         if self._pipeline is not None:
             return Decision(Output.PIPELINE, "", self._pipeline.velocity, self._pipeline.ends)
         waiting = "no command yet" if self.last_accepted is None else "no fresh command"
@@ -195,6 +206,7 @@ class Arbiter:
             return Verdict(False, f"{order.kind} is {age:.1f} s old, at most {MAX_ORDER_AGE_S:g}")
         if not self._newer(order):
             return Verdict(False, f"{order.kind} is a repeat, or older than another order")
+        self._stopped = now
         if order.kind is OverrideKind.LAND:
             self._latch(LatchKind.LAND, f"landing for {order.operator}")
             return Verdict(True, "landing; stopped until resumed")
@@ -203,7 +215,7 @@ class Arbiter:
         return Verdict(True, "motors cut; stopped until resumed")
 
     def _resume(self, order: Override, now: Instant) -> Verdict:
-        refusal = self._refusal(order, now, MAX_ORDER_AGE_S)
+        refusal = self._refusal(order, now, MAX_ORDER_AGE_S) or self._overtaken(order, now)
         if refusal is not None:
             return refusal
         was = "was not stopped" if self.latched is None else f"was: {self.latched.reason}"
@@ -214,12 +226,12 @@ class Arbiter:
         return Verdict(True, f"obeying commands again ({was})")
 
     def _take_off(self, order: Override, now: Instant, trouble: str) -> Verdict:
-        refusal = self._refusal(order, now, MAX_ORDER_AGE_S)
+        refusal = self._refusal(order, now, MAX_ORDER_AGE_S) or self._overtaken(order, now)
         if refusal is not None:
             return refusal
         if trouble:
             return Verdict(False, f"no take-off: {trouble}")
-        if self._cut:
+        if self.latched is not None and self.latched.kind is LatchKind.EMERGENCY:
             return Verdict(False, "no take-off: the motors are cut, resume first")
         if self.step(now).moving:
             return Verdict(False, "no take-off: the robot is being moved, stop it first")
@@ -231,11 +243,15 @@ class Arbiter:
         refusal = self._refusal(order, now, MAX_COMMAND_AGE_S)
         if refusal is not None:
             return refusal
-        if self.latched is not None or self._loss_s(now) > self.rules.loss_latch_s:
+        stopped = self.latched is not None and self.latched.kind is not LatchKind.MANUAL
+        if stopped or self._loss_s(now) > self.rules.loss_latch_s:
             return Verdict(False, "stopped: resume first")
         age = self._age(order.issued, now)
         if order.velocity is None or age is None:
             return Verdict(False, "there is no velocity, or its age is unknown")
+        if self.latched is None:
+            reason = f"flown by hand by {order.operator}, resume to go on"
+            self._latch(LatchKind.MANUAL, reason)
         self._manual = self._accept(order.velocity, now, MAX_COMMAND_AGE_S - age)
         return Verdict(True, "manual")
 
@@ -244,6 +260,14 @@ class Arbiter:
         if reason is None and not self._newer(order):
             reason = "a repeat, or older than another order"
         return None if reason is None else Verdict(False, f"{order.kind} refused: {reason}")
+
+    def _overtaken(self, order: Override, now: Instant) -> Verdict | None:
+        """Return a refusal of an order that was first given before the last one that stops."""
+        age = self._age(order.first_issued or order.issued, now)
+        stopped = None if self._stopped is None else age_s(self._stopped, now)
+        if stopped is None or (age is not None and age <= stopped):
+            return None
+        return Verdict(False, f"{order.kind} refused: it was stopped since: give it again")
 
     def _accept(self, velocity: Velocity, now: Instant, left_s: float) -> _Alive:
         if self._loss_s(now) <= self.rules.loss_latch_s:
@@ -273,7 +297,9 @@ class Arbiter:
         return None if gate.accept(issued.epoch, issued.sequence) else "command_replayed"
 
     def _latch(self, kind: LatchKind, reason: str) -> None:
-        self.latched = Latched(kind=kind, reason=reason)
+        """Stop until an operator resumes; that the motors were cut is not forgotten before."""
+        if self.latched is None or self.latched.kind is not LatchKind.EMERGENCY:
+            self.latched = Latched(kind=kind, reason=reason)
         self._manual = self._pipeline = self._taking_off = None
 
 

@@ -66,20 +66,20 @@ class LastAccepted:
         except (OSError, ValueError):
             return Instant(0, "unknown")
 
-    def keep(self, accepted: Instant | None) -> None:
-        """Record the time, at most every `RECORD_EVERY_S`.
-
-        Raises:
-            OSError: it cannot be written.
-        """
+    def keep(self, accepted: Instant | None) -> str:
+        """Record the time, at most every `RECORD_EVERY_S`; return what went wrong, if anything."""
         if accepted is None or (
             self._kept is not None and accepted.ns - self._kept.ns < RECORD_EVERY_S * NS_PER_S
         ):
-            return
+            return ""
         self._kept = accepted
         temporary = self.path.with_suffix(".new")
-        temporary.write_text(f"{accepted.ns} {accepted.clock}")
-        temporary.replace(self.path)
+        try:
+            temporary.write_text(f"{accepted.ns} {accepted.clock}")
+            temporary.replace(self.path)
+        except OSError as error:
+            return f"the last command's time could not be written, a restart forgets it: {error}"
+        return ""
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -64,8 +64,8 @@ def run(bus: Bus, config: Config) -> None:
                 bus.publish(VEHICLE_STATE, setpoints.state(decision, bus.stamp()))
                 bus.health.set("send_failures", vehicle.send_failures)
                 bus.health.set("guard_restarts", guard.restarts)
-            accepted.keep(arbiter.last_accepted)
-            acknowledge(bus, verdicts, latch.keep(arbiter.latched))
+            forgotten = (latch.keep(arbiter.latched), accepted.keep(arbiter.last_accepted))
+            acknowledge(bus, verdicts, "; ".join(filter(None, forgotten)))
         setpoints.end(Instant(bus.clock.now_ns(), bus.clock.id))
 
 

@@ -68,7 +68,7 @@ class Orders:
         ours: list[Stamp] = []
         while (took_s := (bus.clock.now_ns() - started_ns) / NS_PER_S) < PATIENCE_S:
             ours.append(bus.stamp())
-            order = Override(issued=ours[-1], kind=kind, operator=bus.service)
+            order = Override(issued=ours[-1], kind=kind, operator=bus.service, first_issued=ours[0])
             bus.publish(COMMAND_OVERRIDE, order, robot)
             ack = self._answer(ours)
             if ack is not None:

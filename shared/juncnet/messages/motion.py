@@ -166,6 +166,8 @@ class Override(Message):
     velocity: Velocity | None = None
     """With `manual` only; a manual velocity lives as long as any other command."""
     operator: Name = "operator"
+    first_issued: Stamp | None = None
+    """With an order that is repeated until it is answered: when it was first given."""
 
     @model_validator(mode="after")
     def _velocity_with_manual(self) -> Self:
