@@ -11,7 +11,7 @@ from juncnet_services.junction_navigation.config import NavigatorConfig
 from juncnet_services.junction_navigation.detector import JunctionDetector
 from juncnet_services.junction_navigation.place import MOUTH_BEFORE_M, mouth_m
 from juncnet_services.junction_navigation.plan import BESIDE_M, JunctionPlan
-from juncnet_services.junction_navigation.progress import Junction, Progress, Sighting
+from juncnet_services.junction_navigation.progress import Junction, Place, Progress, Sighting
 from juncnet_services.junction_navigation.sightings import Sightings
 from surfaces import surface
 
@@ -259,6 +259,19 @@ def test_a_skewed_road_is_met_before_it_crosses_the_edge() -> None:
     state.junction = Junction(rise_m=0.0, rise_seen=False, sightings=[sighting(12.0, 20.0)])
     shift_m = (3.0 + BESIDE_M) / math.tan(math.radians(60))
     assert plan(state).start_ahead_m == pytest.approx(16.0 - shift_m)
+
+
+@pytest.mark.parametrize("angle_deg", [40.0, 120.0])
+def test_where_the_robots_road_ends_a_slanted_one_is_met_before_that_end(angle_deg: float) -> None:
+    """The opening may be one of two roads of its side: its middle says nothing then."""
+    state = progress(Turn(at=1, angle_deg=angle_deg))
+    state.count = 1
+    end = Place(at_m=21.0, weight=100.0)
+    state.junction = Junction(
+        rise_m=0.0, rise_seen=False, sightings=[sighting(12.0, 24.0)], end=end
+    )
+    before_m = 3.0 / math.sin(math.radians(angle_deg))
+    assert plan(state).start_ahead_m == pytest.approx(21.0 - before_m)
 
 
 def test_a_slight_turn_begins_behind_the_corners() -> None:

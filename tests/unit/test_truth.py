@@ -35,6 +35,19 @@ def _truth() -> GroundTruth:
     return GroundTruth(crossing())
 
 
+def test_a_junction_whose_roads_all_lie_to_one_side_reaches_their_outer_edges() -> None:
+    """Roads to the west, north and north-east: south-east of the node there is none."""
+    nodes = {0: Node(0, 0.0, 0.0)}
+    roads: dict[int, Road] = {}
+    for number, end in enumerate(((-60.0, 0.0), (0.0, 60.0), (42.0, 42.0))):
+        nodes[number + 1] = Node(number + 1, *end)
+        roads[number] = Road(number, 0, number + 1, resample(np.array([(0.0, 0.0), end])), 6.0)
+    world = World("one side", 0, nodes, roads, Start(-50.0, 0.0, EAST, 0, 0))
+    junction = RoadNetwork(world).junctions[0]
+    asked = np.array([(1.0, 0.0), (-2.0, -2.5), (1.5, -1.0), (-2.0, -3.5), (3.0, -3.0)])
+    assert junction.contains(asked).tolist() == [True, True, True, False, False]
+
+
 def test_directed_roads() -> None:
     assert arm_id(3, True) == 6
     assert reverse_arm(6) == arm_id(3, False) == 7

@@ -115,13 +115,23 @@ class JunctionPlan:
             across_m = _half_length_m(seen[0]) if seen and self.turn.angle_deg is None else None
             behind_mouth_m = max(self.reach_m, MOUTH_BEFORE_M + (across_m or 0.0))
             return self.mouth_ahead_m + behind_mouth_m
-        shift_m = 0.0
-        if self.turn.angle_deg is not None and len(seen) == 1:
-            beside_m = self._width_m / 2 + BESIDE_M
-            shift_m = beside_m / math.tan(abs(turning.angle_rad(self.turn)))
         half_m = _half_length_m(into)
         behind_mouth_m = self.reach_m if half_m is None else MOUTH_BEFORE_M + half_m
-        return self.mouth_ahead_m + max(behind_mouth_m - shift_m, self._config.corner_m)
+        if self.turn.angle_deg is not None and len(seen) == 1:
+            behind_mouth_m = self._slanted_m(behind_mouth_m)
+        return self.mouth_ahead_m + max(behind_mouth_m, self._config.corner_m)
+
+    def _slanted_m(self, behind_mouth_m: float) -> float:
+        """Return how far behind the mouth the middle is, by the middle of a slanted road's opening.
+
+        Where the robot's road ends it is before that end: two roads of one side may share the only
+        opening there.
+        """
+        angle_rad = abs(turning.angle_rad(self.turn))
+        if self.ends_here:
+            before_end_m = self._width_m / 2 / math.sin(angle_rad)
+            return self.end_ahead_m - before_end_m - self.mouth_ahead_m
+        return behind_mouth_m - (self._width_m / 2 + BESIDE_M) / math.tan(angle_rad)
 
     @property
     def end_ahead_m(self) -> float:

@@ -211,9 +211,11 @@ def _outline(centre: Points, arms: tuple[Arm, ...]) -> Points:
         pieces.append(centre + arm.setback_m * u + half * n)
         gap = (following.heading_rad - arm.heading_rad) % (2 * math.pi)
         found = corner(half, following.width_m / 2, gap)
-        if found is None:
-            continue
         v, m = _axes(following.heading_rad)
+        if found is None:
+            if gap > math.pi:  # On the outer side of a bend the roads' edges reach the node.
+                pieces += [centre + half * n, centre - following.width_m / 2 * m]
+            continue
         begin = centre + (found[0] + found[2]) * u + half * n
         end = centre + (found[1] + found[2]) * v - following.width_m / 2 * m
         apex = centre + found[0] * u + half * n
