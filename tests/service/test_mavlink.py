@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from juncnet.messages import Velocity
-from juncnet_services.command_output.vehicles import Vehicle, open_vehicle
+from juncnet_services.command_output.vehicles import AbortsTakeOff, Vehicle, open_vehicle
 
 pytest.importorskip("pymavlink", reason="extra [mavlink] is not installed")
 
@@ -94,6 +94,18 @@ def test_the_drivers_own_watchdog_stops_what_is_not_commanded_anew(tmp_path: Pat
         assert autopilot.setpoints[-1][0] - last_s < 0.3
         until(lambda: math.hypot(*autopilot.velocity[:2]) < 0.1, "does not stand still")
         assert autopilot.offboard
+
+
+def test_an_aborted_take_off_keeps_its_height_over_the_link(tmp_path: Path) -> None:
+    pilot = Autopilot("copter", STRICT, px4=True)
+    with linked(pilot, tmp_path, take_off_m=5.0) as (vehicle, autopilot):
+        airborne(vehicle, autopilot)
+        assert isinstance(vehicle, AbortsTakeOff)
+        vehicle.abort_take_off()
+        height_m = autopilot.height_m
+        time.sleep(2.0)
+        assert autopilot.armed
+        assert autopilot.height_m == pytest.approx(height_m, abs=0.4)
 
 
 def test_an_end_that_lands(tmp_path: Path) -> None:

@@ -211,6 +211,22 @@ def test_a_stop_forgets_a_take_off_that_has_not_left() -> None:
     assert arsdk.TAKE_OFF not in air.payloads()
 
 
+def test_an_aborted_take_off_is_repeated_no_more() -> None:
+    air = Air()
+    air.acknowledges = False
+    air.core.take_off(air.now_ns)
+    air.fly(0.2)
+    assert arsdk.TAKE_OFF in air.payloads()
+    air.core.abort_take_off(air.now_ns)
+    air.told.clear()
+    air.fly(3.5)
+    assert arsdk.TAKE_OFF not in air.payloads()
+    air.acknowledges = True
+    air.core.abort_take_off(air.now_ns)
+    air.fly(2.0, Wish(Aim.LAND))
+    air.take_off()
+
+
 def test_the_drone_is_set_up_in_order_one_command_after_the_other() -> None:
     setup = (arsdk.ALL_SETTINGS, arsdk.ALL_STATES, arsdk.VIDEO_ON)
     air = Air(setup=setup)

@@ -9,7 +9,7 @@ import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol, cast
+from typing import Any, ClassVar, Literal, Protocol, cast, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -93,7 +93,10 @@ class Vehicle(Protocol):
         ...
 
     def take_off(self) -> None:
-        """Arm, and take off what flies; called once for an operator's order, between holds."""
+        """Arm, and take off what flies; called once for an operator's order, between holds.
+
+        A driver that goes on with it by itself afterwards is an `AbortsTakeOff`, too.
+        """
         ...
 
     def land(self) -> None:
@@ -118,6 +121,19 @@ class Vehicle(Protocol):
 
     def close(self) -> None:
         """End in order, as the options say: held, or landing. Gives the link up; at most 3 s."""
+        ...
+
+
+@runtime_checkable
+class AbortsTakeOff(Protocol):
+    """A vehicle whose take-off can be given up; one without this finishes it in spite of a stop."""
+
+    def abort_take_off(self) -> None:
+        """Go on with the take-off no more: disarm on the ground, keep the height in the air.
+
+        Called once at the first stop after `take_off`, before its hold. The take-off may be long
+        over by then: nothing changes. Never disarm what may be in the air.
+        """
         ...
 
 

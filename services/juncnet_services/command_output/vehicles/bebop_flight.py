@@ -241,6 +241,11 @@ class BebopCore:
         if self._measured.state is FlyingState.LANDED:
             self._queues[Buffer.WITH_ACK].put(arsdk.TAKE_OFF)
 
+    def abort_take_off(self, now_ns: int) -> None:
+        """Forget the order; a drone that has begun already ends in a hover of its own."""
+        del now_ns
+        self._queues[Buffer.WITH_ACK].drop(arsdk.TAKE_OFF)
+
     def ending(self) -> list[bytes]:
         return []
 

@@ -52,6 +52,9 @@ class LogVehicle:
     def take_off(self) -> None:
         self._keep("take_off", Velocity())
 
+    def abort_take_off(self) -> None:
+        self._keep("abort_take_off", Velocity())
+
     def land(self) -> None:
         self._keep("land", Velocity())
 

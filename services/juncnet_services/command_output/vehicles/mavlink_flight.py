@@ -31,6 +31,8 @@ WARM_UP_S = 1.0
 SETTLE_S = 1.0
 """Zero velocity before a rover is disarmed: it kept circling otherwise."""
 MAX_CLIMB_S = 30.0
+ABORT_S = 3.0
+"""For so long after a stop a vehicle that an earlier order arms on the ground is disarmed."""
 REACHED_M = 0.4
 FAILURE_SHOWN_S = 5.0
 """For so long a take-off that was refused is shown, and not tried again."""
@@ -71,6 +73,8 @@ class Phase(Enum):
     CHANGING_MODE = auto()
     ARMING = auto()
     CLIMBING = auto()
+    ABORTING = auto()
+    """Stopped: it stands still; what is armed on the ground, now or soon, is disarmed."""
 
 
 class MavlinkCore:
@@ -149,8 +153,21 @@ class MavlinkCore:
 
     def take_off(self, now_ns: int) -> None:
         """Begin: stream, ask for the mode, arm, climb; in the air, only the mode is asked for."""
-        if self.phase is Phase.IDLE and not self.trouble:
+        if self.phase in (Phase.IDLE, Phase.ABORTING) and not self.trouble:
             self._to(Phase.WARMING_UP, now_ns)
+
+    def abort_take_off(self, now_ns: int) -> None:
+        """Go no further: keep the present height, and disarm what has not left the ground."""
+        match self.phase:
+            case Phase.WARMING_UP | Phase.CHANGING_MODE:
+                self._to(Phase.IDLE, now_ns)
+            case Phase.ARMING | Phase.CLIMBING:
+                if self.phase is Phase.ARMING:
+                    self._ground_m = self.seen.down_m
+                self._height_down_m = self.seen.down_m
+                self._to(Phase.ABORTING, now_ns)
+            case _:
+                pass
 
     def telemetry(self, now_ns: int, max_age_s: float) -> Telemetry | None:
         return self.seen.telemetry() if self.seen.fresh(now_ns, max_age_s) else None
@@ -192,7 +209,7 @@ class MavlinkCore:
         self.phase, self._since_ns = phase, now_ns
         self._failure = ""
         self.seen.results.clear()
-        for name in ("mode", "arm", "climb"):
+        for name in ("mode", "arm", "climb", "disarm"):
             self._asked.pop(name, None)
 
     def _ask(self, what: str, packet: bytes, now_ns: int, every_s: float = ASK_S) -> list[bytes]:
@@ -250,6 +267,10 @@ class MavlinkCore:
                 return self._insist("arm", arm, Command.ARM, now_ns)
             case Phase.CLIMBING:
                 return self._climb(waited_s, now_ns)
+            case Phase.ABORTING if self.controlled and self._grounded(now_ns):
+                return self._insist("disarm", self._disarm(), Command.ARM, now_ns)
+            case Phase.ABORTING if waited_s > ABORT_S:
+                self._to(Phase.IDLE, now_ns)
             case _:
                 pass
         return []
@@ -293,16 +314,21 @@ class MavlinkCore:
             return []
         self._landing_ns = self._landing_ns or now_ns
         if self.flight.kind == "rover":
-            still = math.hypot(*seen.velocity[:2]) < 0.1
             waited_s = (now_ns - self._landing_ns) / NS_PER_S
-            if waited_s < SETTLE_S or not (still or waited_s > 3 * SETTLE_S):
+            if waited_s < SETTLE_S or not (seen.still or waited_s > 3 * SETTLE_S):
                 return []
-            disarm = self._wire.command(seen.target, Command.ARM, 0.0)
-            return self._ask("disarm", disarm, now_ns)
+            return self._ask("disarm", self._disarm(), now_ns)
         if seen.mode == (PX4_LANDING if seen.autopilot is Autopilot.PX4 else (9, 0)):
             self._ended = True
             return []
         return self._ask("land", self._mode("land"), now_ns)
+
+    def _grounded(self, now_ns: int) -> bool:
+        return self.seen.fresh(now_ns, BLIND_S) and self.seen.grounded(self._ground_m)
+
+    def _disarm(self) -> bytes:
+        """Return the order to disarm, which an autopilot refuses in the air."""
+        return self._wire.command(self.seen.target, Command.ARM, 0.0)
 
     def _cut(self, now_ns: int) -> list[bytes]:
         if not self.seen.armed:

@@ -20,6 +20,10 @@ from juncnet_services.command_output.vehicles.mavlink_wire import (
 ARMED = 128
 IN_AIR = (2, 3, 4)
 """`EXTENDED_SYS_STATE.landed_state`: in the air, taking off, landing."""
+ON_GROUND = 1
+LOW_M = 0.2
+"""What has risen by less, and rises by less a second, has not left the ground."""
+STILL_MPS = 0.1
 
 
 @dataclass
@@ -66,6 +70,21 @@ class Seen:
     def in_air(self) -> bool:
         """Whether it flies; armed counts while it does not say."""
         return self.armed if self.landed_state == 0 else self.landed_state in IN_AIR
+
+    @property
+    def still(self) -> bool:
+        """Whether it stays in its place, as seen from above."""
+        return math.hypot(*self.velocity[:2]) < STILL_MPS
+
+    def grounded(self, ground_m: float) -> bool:
+        """Return whether it stands on the ground: a copter where it says so, not above `ground_m`.
+
+        `landed_state` comes seldom, so a copter that has just left still says that it stands.
+        """
+        if self.kind == "rover":
+            return self.still
+        low = abs(ground_m - self.down_m) < LOW_M and self.velocity[2] > -LOW_M
+        return self.landed_state == ON_GROUND and low
 
     def fresh(self, now_ns: int, seconds: float) -> bool:
         """Return whether attitude and position are both newer than `seconds`."""

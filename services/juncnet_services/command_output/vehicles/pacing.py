@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from juncnet.clocks import NS_PER_S
 from juncnet.messages import Velocity
@@ -95,6 +95,15 @@ class Core(Protocol):
         ...
 
 
+@runtime_checkable
+class AbortingCore(Protocol):
+    """A core that goes on with a take-off by itself, until it is told not to."""
+
+    def abort_take_off(self, now_ns: int) -> None:
+        """Go on with a take-off no more, if there is one; see `AbortsTakeOff`."""
+        ...
+
+
 class Link(Protocol):
     """A connected link: non-blocking."""
 
@@ -150,6 +159,12 @@ class PacedVehicle(ABC):
     def take_off(self) -> None:
         with self._lock:
             self._core.take_off(time.monotonic_ns())
+
+    def abort_take_off(self) -> None:
+        if isinstance(self._core, AbortingCore):
+            with self._lock:
+                self._core.abort_take_off(time.monotonic_ns())
+            self._poke()
 
     def land(self) -> None:
         self._want(Wish(Aim.LAND))
