@@ -70,6 +70,13 @@ class KeptVehicle:
         self.closed = True
 
 
+class AbortingVehicle(KeptVehicle):
+    """A driver that goes on with a take-off until it is told not to."""
+
+    def abort_take_off(self) -> None:
+        self.told.append(("abort", Velocity()))
+
+
 CONFIG = Config(vehicle=f"{__name__}:KeptVehicle")
 
 
@@ -181,6 +188,61 @@ def test_a_take_off_is_told_once_and_leaves_the_vehicle_stopped(tmp_path: Path) 
     bus = fly(tmp_path, [TICK] * 10)
     assert outputs(bus) == [Output.STOPPED]
     assert "take_off" not in {what for what, _ in KeptVehicle.last.told}
+
+
+TAKE_OFF, STOP, RESUME = map(say, (OverrideKind.TAKE_OFF, OverrideKind.HOLD, OverrideKind.RESUME))
+
+
+def steps(tmp_path: Path, *script: Any) -> list[str]:
+    """Return take-offs, aborts and landings, without the setpoints between them."""
+    fly(tmp_path, [TICK, *script], Config(vehicle=f"{__name__}:AbortingVehicle"))
+    told = [what for what, _ in KeptVehicle.last.told if what not in ("hold", "move")]
+    return [what for i, what in enumerate(told) if i == 0 or what != told[i - 1]]
+
+
+def ticks(seconds: float) -> list[float]:
+    return [TICK] * round(seconds / TICK)
+
+
+def test_a_stop_aborts_a_take_off_once_and_before_its_hold(tmp_path: Path) -> None:
+    script = [TAKE_OFF, *ticks(0.2), STOP, *ticks(0.2), STOP, *ticks(6)]
+    assert steps(tmp_path, *script) == ["take_off", "abort"]
+    told = [what for what, _ in KeptVehicle.last.told]
+    assert told.count("abort") == 1
+    assert told[told.index("abort") + 1] == "hold"
+
+
+def test_a_take_off_that_is_merely_the_output_no_more_is_finished(tmp_path: Path) -> None:
+    assert steps(tmp_path, TAKE_OFF, *ticks(20)) == ["take_off"]
+
+
+@pytest.mark.parametrize("before_s", [4.9, 5.1, 8.0])
+def test_a_climb_that_goes_on_longer_is_stopped_too(tmp_path: Path, before_s: float) -> None:
+    assert steps(tmp_path, TAKE_OFF, *ticks(before_s), STOP, *ticks(0.2)) == ["take_off", "abort"]
+
+
+def test_a_resume_lets_the_climb_go_on_and_a_stop_after_it_does_not(tmp_path: Path) -> None:
+    script = [TAKE_OFF, *ticks(1), RESUME, TICK, *flown(2)]
+    assert steps(tmp_path, *script) == ["take_off"]
+    script = [RESUME, TICK, *script, STOP, *ticks(0.2)]
+    assert steps(tmp_path, *script) == ["take_off", "abort"]
+
+
+def test_a_stop_of_a_take_off_that_was_ordered_twice_wins(tmp_path: Path) -> None:
+    script = [TAKE_OFF, *ticks(4), TAKE_OFF, *ticks(2), STOP, *ticks(0.2)]
+    assert steps(tmp_path, *script) == ["take_off", "abort"]
+
+
+def test_a_landing_is_the_drivers_own_end_of_a_take_off(tmp_path: Path) -> None:
+    script = [TAKE_OFF, *ticks(1), say(OverrideKind.LAND), *ticks(1), STOP, *ticks(0.2)]
+    assert steps(tmp_path, *script) == ["take_off", "land"]
+
+
+def test_a_vehicle_that_cannot_abort_is_held_by_a_stop_all_the_same(tmp_path: Path) -> None:
+    bus = fly(tmp_path, [TICK, TAKE_OFF, *ticks(0.2), STOP, *ticks(0.2)])
+    assert outputs(bus) == [Output.HOLD, Output.TAKING_OFF, Output.STOPPED]
+    assert bus.published[COMMAND_ACK.key][-1].accepted
+    assert KeptVehicle.last.told[-1] == ("hold", Velocity())
 
 
 def test_a_vehicle_in_trouble_refuses_to_take_off_and_says_why(

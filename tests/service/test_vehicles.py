@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,6 +21,7 @@ from juncnet_services.command_output.vehicles import (
     driver,
     open_vehicle,
 )
+from juncnet_services.kits.vehicle_probe import ProbedVehicle, ProbeOptions
 
 OURS = f"{__name__}:CartVehicle"
 LAYOUTS = ("bebop", "px4_copter", "ardupilot_rover", "ros2")
@@ -95,6 +97,15 @@ def test_every_shipped_driver_is_a_whole_vehicle(name: str) -> None:
     for part in ("send", "take_off", "land", "emergency", "hold", "telemetry", "close"):
         assert callable(getattr(found, part)), part
     assert found.Options.model_config.get("extra") == "forbid"
+
+
+def test_the_probe_hands_an_aborted_take_off_on_to_a_driver_that_has_it(tmp_path: Path) -> None:
+    for name, calls in (("log", 1), ("simulated", 0)):
+        log = tmp_path / f"{name}.jsonl"
+        options = ProbeOptions(driver=name, log=log)
+        with closing(ProbedVehicle(options, tmp_path)) as vehicle:
+            vehicle.abort_take_off()
+        assert log.read_text().count('"abort_take_off"') == calls
 
 
 def test_without_pymavlink_the_extra_is_named() -> None:

@@ -6,10 +6,10 @@ commands hears it, and must not be driven by the answer to the last command.
 
 from juncnet.clocks import NS_PER_S, Instant
 from juncnet.messages import Output, Stamp, VehicleState, Velocity
-from juncnet_services.command_output.arbiter import GUARD_MARGIN_S, Decision
+from juncnet_services.command_output.arbiter import GUARD_MARGIN_S, TAKE_OFF_S, Decision
 from juncnet_services.command_output.guard_link import GuardLink
 from juncnet_services.command_output.limits import Limiter
-from juncnet_services.command_output.vehicles import Telemetry, Vehicle
+from juncnet_services.command_output.vehicles import AbortsTakeOff, Telemetry, Vehicle
 
 PERIOD_S = 0.04
 """Of setpoints while nothing changes, and of vehicle/state while its output is the same."""
@@ -27,6 +27,7 @@ class Setpoints:
         self._guard = guard
         self._told: Decision | None = None
         self._told_ns = 0
+        self._took_off_ns: int | None = None
         self._stated: tuple[Output, str] | None = None
         self._stated_ns = 0
 
@@ -38,20 +39,39 @@ class Setpoints:
         hold_in_s = _hold_in_s(decision, now)
         match decision.output:
             case Output.LANDING:
+                self._took_off_ns = None
                 self._vehicle.land()
             case Output.EMERGENCY:
+                self._took_off_ns = None
                 self._vehicle.emergency()
             case _:
-                if decision.output is Output.TAKING_OFF and not self._taking_off:
-                    self._vehicle.take_off()
+                self._take_off_or_abort(decision, now)
                 self._vehicle.send(velocity, not decision.moving, hold_in_s)
         self._guard.beat(hold_in_s, self._vehicle.hold())
         self._told, self._told_ns = decision, now.ns
         return True
 
-    @property
-    def _taking_off(self) -> bool:
-        return self._told is not None and self._told.output is Output.TAKING_OFF
+    def _take_off_or_abort(self, decision: Decision, now: Instant) -> None:
+        """Have the vehicle take off once for an order, and give that up at the first stop.
+
+        That the take-off is the output no more, for `TAKE_OFF_S` are over, is no such stop: the
+        vehicle finishes its climb. One that was ordered again meanwhile ends at a time that is not
+        known here, and its end counts as a stop.
+        """
+        told, taking_off = self._told, Output.TAKING_OFF
+        was_taking_off = told is not None and told.output is taking_off
+        if decision.output is taking_off and not was_taking_off:
+            self._took_off_ns = now.ns
+            self._vehicle.take_off()
+        if decision.output is not Output.STOPPED or self._took_off_ns is None or told is None:
+            return
+        over_ns = self._took_off_ns + int(TAKE_OFF_S * NS_PER_S)
+        expired = was_taking_off and self._told_ns < over_ns <= now.ns
+        if expired or (told.output, told.reason) == (decision.output, decision.reason):
+            return
+        self._took_off_ns = None
+        if isinstance(self._vehicle, AbortsTakeOff):
+            self._vehicle.abort_take_off()
 
     def state_due(self, decision: Decision, now: Instant) -> bool:
         """Return whether vehicle/state is to be published now: the output changed, or in turn."""

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from juncnet.messages import Capabilities, Velocity
 from juncnet_services.command_output.vehicles import (
+    AbortsTakeOff,
     DriverOptions,
     Hold,
     Telemetry,
@@ -60,6 +61,11 @@ class ProbedVehicle:
     def take_off(self) -> None:
         with _Call(self._log, "take_off"):
             self._vehicle.take_off()
+
+    def abort_take_off(self) -> None:
+        if isinstance(self._vehicle, AbortsTakeOff):
+            with _Call(self._log, "abort_take_off"):
+                self._vehicle.abort_take_off()
 
     def land(self) -> None:
         with _Call(self._log, "land"):
