@@ -1,5 +1,6 @@
 """The MAVLink driver over UDP: links, the guard's packet, an end in order."""
 
+import contextlib
 import itertools
 import math
 import os
@@ -8,7 +9,7 @@ import socket
 import statistics
 import time
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -170,6 +171,31 @@ def test_no_autopilot_is_named_with_what_to_check(tmp_path: Path) -> None:
     vehicle = open_vehicle("mavlink", {"url": f"udpin:127.0.0.1:{free_port()}"}, tmp_path)
     until(lambda: "no heartbeat" in vehicle.trouble, vehicle.trouble)
     vehicle.close()
+
+
+def test_a_stranger_who_is_heard_first_does_not_keep_the_autopilot_out(tmp_path: Path) -> None:
+    port = free_port()
+    options = {"url": f"udpin:127.0.0.1:{port}"}
+    with (
+        closing(open_vehicle("mavlink", options, tmp_path)) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
+        stranger.connect(("127.0.0.1", port))
+        stranger.settimeout(10)
+        until(lambda: "no heartbeat" in vehicle.trouble, vehicle.trouble)
+        stranger.send(b"GET / HTTP/1.0\r\n\r\n")
+        assert stranger.recv(1000), "the stranger was not heard"
+        with flying(Autopilot("copter", STRICT, px4=True), port) as autopilot:
+            until(lambda: vehicle.trouble == "", "the autopilot is not heard")
+            stranger.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                while stranger.recv(1000):
+                    pass
+            told = len(autopilot.setpoints)
+            stranger.send(Autopilot("copter", STRICT, px4=True).told(1.0)[0])
+            until(lambda: len(autopilot.setpoints) > told + 10, "the autopilot is told no more")
+            with pytest.raises(BlockingIOError):
+                stranger.recv(1000)
 
 
 def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:

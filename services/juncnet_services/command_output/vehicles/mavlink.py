@@ -8,7 +8,7 @@ import os
 import re
 import socket
 import termios
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -68,7 +68,7 @@ class MavlinkVehicle(PacedVehicle):
         self.capabilities = capabilities
         self._at_end: Literal["hold", "land"] = options.at_end
         self._held = False
-        self._link = _open(options.url)
+        self._link = _open(options.url, lambda: self._autopilot.seen.system is not None)
         self.start()
 
     @contextmanager
@@ -90,10 +90,15 @@ class MavlinkVehicle(PacedVehicle):
 
 
 class UdpLink:
-    """Speaks with one peer: the named one, or the first that is heard."""
+    """Speaks with one peer: the named one, or the one whose datagram made it `known`.
 
-    def __init__(self, host: str, port: int, *, listen: bool) -> None:
+    `known`: whether the autopilot is. Until then the peer is whoever was heard last, so that a
+    stranger who is heard first, such as a port scanner, keeps nobody out.
+    """
+
+    def __init__(self, host: str, port: int, known: Callable[[], bool], *, listen: bool) -> None:
         self.peer: tuple[str, int] | None = None
+        self._known = known
         self._named = None if listen else (socket.gethostbyname(host), port)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -108,7 +113,7 @@ class UdpLink:
             ) from error
 
     def begin(self) -> None:
-        """Speak with whoever is heard first from now on, unless the peer is named."""
+        """Look for the peer from now on, unless it is named."""
         self.peer = self._named
 
     def fileno(self) -> int:
@@ -120,7 +125,7 @@ class UdpLink:
 
     def receive(self) -> bytes | None:
         data, sender = self._socket.recvfrom(65_535)
-        if self.peer is None:
+        if self._named is None and not self._known():
             self.peer = sender
         return data if sender == self.peer else None
 
@@ -233,7 +238,7 @@ class SerialLink:
         os.close(self._port)
 
 
-def _open(url: str) -> UdpLink | TcpLink | SerialLink:
+def _open(url: str, known: Callable[[], bool]) -> UdpLink | TcpLink | SerialLink:
     """Return the link; raises `ValueError` that says what to do when it cannot be opened."""
     match = URL.fullmatch(url)
     assert match is not None, "validated before"
@@ -242,4 +247,4 @@ def _open(url: str) -> UdpLink | TcpLink | SerialLink:
         return SerialLink(device, int(baud))
     if direction == "tcp":
         return TcpLink(host, int(port))
-    return UdpLink(host, int(port), listen=direction == "udpin")
+    return UdpLink(host, int(port), known, listen=direction == "udpin")
