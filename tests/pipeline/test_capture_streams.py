@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Generator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from videos import band_of, free_port, sender
 
 DEADLINE_S = 15.0
 STALL_S = 0.4
+CAMERA, STRANGER = "127.0.0.2", "127.0.0.3"
 
 
 class MonotonicClock:
@@ -65,7 +66,7 @@ def rtp(port: int, _: Path) -> tuple[str, str, StreamSource | RtpSource]:
 
 def sdp_file(port: int, folder: Path) -> tuple[str, str, StreamSource | RtpSource]:
     path = folder / "camera.sdp"
-    path.write_text(make_sdp(RtpSource(kind="rtp", port=port, address="127.0.0.1")))
+    path.write_text(make_sdp(RtpSource(kind="rtp", port=port, address="127.0.0.1"), "127.0.0.1"))
     source = StreamSource(kind="stream", url=str(path), stall_s=STALL_S)
     return f"rtp://127.0.0.1:{port}", "rtp", source
 
@@ -102,6 +103,26 @@ def test_full_hd_over_rtp() -> None:
     url, container, source = rtp(free_port(), Path())
     with watching(source) as camera, sender(url, container, (1920, 1080)):
         assert {width for _, width in see(camera, 10)} == {1920}
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_decoded_pictures_are_of_one_sender_only(named: bool) -> None:
+    port = free_port()
+    url = f"rtp://127.0.0.1:{port}?localaddr="
+    fields: dict[str, object] = {"kind": "rtp", "port": port, "address": "127.0.0.1"}
+    if named:
+        fields["sender"] = CAMERA
+    with watching(RtpSource.model_validate(fields)) as camera, ExitStack() as stack:
+        if named:
+            stack.enter_context(sender(url + STRANGER, "rtp", (640, 480)))
+            time.sleep(0.2)
+        stack.enter_context(sender(url + CAMERA, "rtp"))
+        seen = see(camera, 5)
+        if not named:
+            stack.enter_context(sender(url + STRANGER, "rtp", (640, 480)))
+        seen += see(camera, 30)
+    assert {width for _, width in seen} == {320}
+    assert camera.counts.reconnects == 0
 
 
 def test_silent_port_is_explained() -> None:

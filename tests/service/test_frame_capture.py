@@ -156,6 +156,7 @@ def test_frozen_live_camera_is_reported_and_withheld() -> None:
         {"source": {"kind": "telescope"}},
         {"source": {"kind": "file", "path": "a.mp4", "lop": True}},
         {"source": {"kind": "rtp", "port": 0}},
+        {"source": {"kind": "rtp", "port": 5600, "sender": "drone.local"}},
     ],
 )
 def test_mistyped_options_are_refused(options: dict[str, Any]) -> None:

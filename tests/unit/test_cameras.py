@@ -306,9 +306,10 @@ def test_backoff_doubles_up_to_its_end_and_starts_over() -> None:
 
 
 def test_session_description_names_port_payload_and_codec() -> None:
-    sdp = make_sdp(RtpSource(kind="rtp", port=55004))
+    sdp = make_sdp(RtpSource(kind="rtp", port=55004), "192.168.42.1")
     assert "m=video 55004 RTP/AVP 96\r\n" in sdp
     assert "a=rtpmap:96 H264/90000\r\n" in sdp
+    assert "a=source-filter: incl IN IP4 * 192.168.42.1\r\n" in sdp
 
 
 def _units_of(path: Path) -> list[bytes]:

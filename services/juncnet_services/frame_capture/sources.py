@@ -1,5 +1,6 @@
 """Every kind of camera as it is configured; importing this needs no camera's library."""
 
+from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -94,6 +95,11 @@ class RtpSource(BaseModel):
     port: int = Field(ge=1, le=65535, description="UDP port that the camera sends to.")
     address: str = Field(
         default="0.0.0.0", description="Local or multicast address that it sends to."
+    )
+    sender: IPv4Address | None = Field(
+        default=None,
+        description="The camera's own IPv4 address: nobody else's packets are taken. None: the "
+        "first that sends is the camera until it is silent for `stall_s`.",
     )
     payload: int = Field(default=96, ge=0, le=127, description="RTP payload type.")
     codec: Literal["h264"] = Field(default="h264", description="What the payload is.")

@@ -15,6 +15,7 @@ from juncnet_services.frame_capture.contract import CameraError, Counts
 from juncnet_services.frame_capture.decoding import Decoder
 from juncnet_services.frame_capture.live import Arrival, Connect
 from juncnet_services.frame_capture.planes import picture_of
+from juncnet_services.frame_capture.rtp_camera import RtpReceiver
 from juncnet_services.frame_capture.sources import RtpSource, StreamSource
 
 LOW_LATENCY = {
@@ -29,14 +30,18 @@ LOW_LATENCY = {
 PROTOCOLS = "file,crypto,data,rtp,udp,tcp,rtsp,tls,http,https"
 
 
-def make_sdp(source: RtpSource) -> str:
-    """Return the session description (RFC 8866) of an RTP source."""
+def make_sdp(source: RtpSource, sender: str) -> str:
+    """Return the session description (RFC 8866) of an RTP source.
+
+    Packets of other hosts than `sender` are dropped: source-filter, RFC 4570.
+    """
     return (
         "v=0\r\n"
         f"o=- 0 0 IN IP4 {source.address}\r\n"
         "s=camera\r\n"
         f"c=IN IP4 {source.address}\r\n"
         "t=0 0\r\n"
+        f"a=source-filter: incl IN IP4 * {sender}\r\n"
         f"m=video {source.port} RTP/AVP {source.payload}\r\n"
         f"a=rtpmap:{source.payload} {source.codec.upper()}/90000\r\n"
         f"a=fmtp:{source.payload} packetization-mode=1\r\n"
@@ -48,7 +53,7 @@ def stream_connector(source: StreamSource | RtpSource, clock: Clock, *, decode: 
 
     @contextmanager
     def connect(counts: Counts) -> Generator[Iterator[Arrival]]:
-        with explained(source_name(source), advice(source)), open_stream(source) as container:
+        with explained(source_name(source), advice(source)), _open(source, clock) as container:
             yield read(container, counts, clock, decode=decode)
 
     return connect
@@ -63,8 +68,9 @@ def advice(source: StreamSource | RtpSource) -> str:
     """Return what to check when the source gives nothing."""
     if isinstance(source, RtpSource):
         return (
-            f"is the camera sending H.264 as RTP payload {source.payload} to UDP port "
-            f"{source.port} of this host, does a firewall drop it, has another process the port?"
+            f"is {source.sender or 'the camera'} sending H.264 as RTP payload {source.payload} to "
+            f"UDP port {source.port} of this host, does a firewall drop it, has another process "
+            "the port?"
         )
     if source.url.endswith(".sdp"):
         return "does the SDP file exist and name the codec, address and port that the camera uses?"
@@ -82,16 +88,17 @@ def explained(name: str, what_to_check: str) -> Generator[None]:
         raise CameraError(f"{name}: {error}; {what_to_check}") from error
 
 
-def open_stream(source: StreamSource | RtpSource) -> InputContainer:
-    """Return the opened stream; blocks for at most its connect time.
+def _open(source: StreamSource | RtpSource, clock: Clock) -> InputContainer:
+    """Return the opened stream; blocks for at most its connect time, of RTP for twice that.
 
     Raises:
-        FFmpegError, OSError: nothing there, nothing in time, or nothing that can be read.
+        CameraError, FFmpegError, OSError: nothing there, nothing in time, or nothing that can be
+            read.
     """
     timeout = (source.connect_timeout_s, source.stall_s)
     options = {**LOW_LATENCY, "protocol_whitelist": PROTOCOLS}
     if isinstance(source, RtpSource):
-        sdp = io.BytesIO(make_sdp(source).encode())
+        sdp = io.BytesIO(make_sdp(source, RtpReceiver(source, clock).find()).encode())
         return av.open(sdp, "r", format="sdp", options=options, timeout=timeout)
     if source.url.endswith(".sdp"):
         sdp = io.BytesIO(Path(source.url).read_bytes())
