@@ -32,7 +32,7 @@ from juncnet.messages import (
 )
 from juncnet.recording import FLIGHT_METADATA
 from juncnet.recording.reader import RecordingError, open_recording
-from juncnet.recording.repair import is_complete, repair
+from juncnet.recording.repair import is_complete, repair, repair_all
 from juncnet.recording.timeline import Shift, restamped
 from juncnet.recording.video import VideoDecoder
 from juncnet.topics import (
@@ -43,6 +43,7 @@ from juncnet.topics import (
     VEHICLE_STATE,
 )
 from juncnet_services.recorder.service import Config, run
+from juncnet_services.recorder.session import Limits, begin
 from juncnet_services.recorder.video import Encoder
 
 LAYOUT = FrameLayout.packed(PixelFormat.I420, 64, 48)
@@ -147,8 +148,6 @@ def test_the_cameras_own_video_is_kept_as_it_came(tmp_path: Path) -> None:
 
 def test_a_full_file_is_followed_by_one_that_opens_by_itself(tmp_path: Path) -> None:
     bus = FakeBus([])
-    from juncnet_services.recorder.session import Limits, begin
-
     session = begin(bus, tmp_path, Limits(20_000, 0, 0))
     session.write("robot", MODEL_ACTIVE, MODEL)
     for sequence in range(300):
@@ -188,6 +187,43 @@ def test_a_truncated_recording_opens_and_is_repaired(tmp_path: Path, kept: float
     repair(path)
     assert is_complete(path)
     assert [i.message for i in open_recording(path).messages()] == [i.message for i in left]
+
+
+def states(path: Path) -> list[Message]:
+    return [item.message for item in open_recording(path).messages([VEHICLE_STATE.key])]
+
+
+def test_two_recorders_of_a_flight_leave_each_others_files_alone(tmp_path: Path) -> None:
+    bus, limits = FakeBus([]), Limits(20_000, 0, 0)
+    first = begin(bus, tmp_path, limits)
+    for sequence in range(300):
+        first.write("robot", VEHICLE_STATE, state(sequence))
+    second = begin(bus, tmp_path, limits)
+    for sequence in range(300, 600):
+        first.write("robot", VEHICLE_STATE, state(sequence))
+        second.write("robot", VEHICLE_STATE, state(sequence))
+    first.close()
+    second.close()
+    assert states(tmp_path / "flight-1-000.mcap") == [state(n) for n in range(600)]
+    assert states(tmp_path / "flight-1.2-000.mcap") == [state(n) for n in range(300, 600)]
+    assert all(is_complete(path) for path in tmp_path.iterdir())
+
+
+def test_a_recorder_goes_on_behind_a_predecessor_that_was_killed(tmp_path: Path) -> None:
+    recorded(tmp_path, frames=100)
+    (path,) = tmp_path.glob("*.mcap")
+    path.write_bytes(path.read_bytes()[:-100])
+    recorded(tmp_path, frames=100)
+    assert is_complete(path)
+    assert states(path) == 2 * [state(n) for n in range(1, 101)]
+
+
+def test_a_file_that_has_just_been_created_is_not_repaired(tmp_path: Path) -> None:
+    path = tmp_path / "flight-1-000.mcap"
+    path.touch()
+    before = path.stat().st_ino
+    assert repair_all(tmp_path) == []
+    assert path.stat().st_ino == before
 
 
 def test_what_is_no_recording_is_refused_by_name(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from juncnet.clocks import Clock
 from juncnet.layout import SAVED
 from juncnet.messages import Message, Stamp
 from juncnet.recording import FLIGHT_METADATA, LAYOUT_ATTACHMENT, SUFFIX
-from juncnet.recording.repair import repair_all
+from juncnet.recording.repair import claimed, repair_all
 from juncnet.recording.writer import RecordingWriter, WallClock
 from juncnet.topics import Qos, Topic
 
@@ -49,13 +49,17 @@ Room = Literal["enough", "low", "full"]
 
 @dataclass
 class Session:
-    """The recording of one flight: NAME-000.mcap, NAME-001.mcap, ...; each opens by itself."""
+    """The recording of one flight: NAME-000.mcap, NAME-001.mcap, ...; each opens by itself.
+
+    NAME is the flight, with .2 behind it where another recorder writes that flight, and so on.
+    """
 
     folder: Path
     identity: Identity
     limits: Limits
     clock: Clock
     wall: WallClock
+    recorder: int = 1
     parts: int = 0
     messages: int = 0
     _writer: RecordingWriter | None = None
@@ -65,7 +69,8 @@ class Session:
     @property
     def path(self) -> Path:
         """The newest file."""
-        return self.folder / f"{self.identity.flight}-{max(0, self.parts - 1):03d}{SUFFIX}"
+        number = "" if self.recorder == 1 else f".{self.recorder}"
+        return self.folder / f"{self.identity.flight}{number}-{max(0, self.parts - 1):03d}{SUFFIX}"
 
     @property
     def size(self) -> int:
@@ -101,11 +106,7 @@ class Session:
 
     def _next(self, now_ns: int) -> RecordingWriter:
         self.close()
-        while True:
-            self.parts += 1
-            if not self.path.exists():  # a restarted recorder goes on behind its predecessor
-                break
-        writer = RecordingWriter(self.path)
+        writer = self._create()
         about = self.identity
         fields = {
             "flight": about.flight,
@@ -124,6 +125,17 @@ class Session:
             writer.message(key, message, now_ns, self._capture_ns(message, now_ns))
         self._writer = writer
         return writer
+
+    def _create(self) -> RecordingWriter:
+        """Return a new file: behind those of a predecessor, beside those of another recorder."""
+        while True:
+            self.parts += 1
+            try:
+                return RecordingWriter(self.path)
+            except FileExistsError:
+                with claimed(self.path) as free:
+                    if not free:
+                        self.recorder, self.parts = self.recorder + 1, 0
 
     def _capture_ns(self, message: Message, now_ns: int) -> int:
         header = getattr(message, "header", None)

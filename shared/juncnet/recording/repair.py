@@ -1,6 +1,9 @@
 """Completes recordings whose recorder was killed, so that every viewer opens them."""
 
+import fcntl
 from collections import defaultdict
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from mcap import records
@@ -72,11 +75,29 @@ def repair(path: Path) -> int:
     return count
 
 
+@contextmanager
+def claimed(path: Path) -> Generator[bool]:
+    """Give whether the file is free: no recorder writes it, nobody repairs it; held meanwhile.
+
+    False also where it cannot be locked: it is another user's, or the file system has no locks.
+    """
+    with ExitStack() as stack:
+        try:
+            stream = stack.enter_context(path.open("r+b"))
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            free = True
+        except OSError:
+            free = False
+        yield free
+
+
 def repair_all(folder: Path) -> list[Path]:
     """Repair what killed recorders left in `folder`; return the files that were repaired."""
     repaired: list[Path] = []
     for path in sorted(folder.glob(f"*{SUFFIX}")):
-        if not is_complete(path):
+        with claimed(path) as free:
+            if not free or is_complete(path):
+                continue
             try:
                 repair(path)
             except RecordingError:

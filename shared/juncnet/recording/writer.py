@@ -1,5 +1,7 @@
 """Writes messages into one MCAP file, so that whoever kills the process loses the last second."""
 
+import contextlib
+import fcntl
 import json
 import time
 from pathlib import Path
@@ -33,7 +35,10 @@ class WallClock:
 
 
 class RecordingWriter:
-    """One MCAP file that grows; `close` completes it. Nothing in it is written twice or changed."""
+    """One MCAP file that grows; `close` completes it. Nothing in it is written twice or changed.
+
+    It is locked (flock) until then: who repairs what killed recorders left keeps off it.
+    """
 
     def __init__(self, path: Path) -> None:
         """Create the file.
@@ -43,6 +48,8 @@ class RecordingWriter:
         """
         self.path = path
         self._stream = path.open("xb")
+        with contextlib.suppress(OSError):  # no locks on this file system: no repairs either
+            fcntl.flock(self._stream, fcntl.LOCK_EX)
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES)
         self._writer.start("juncnet")
         self._schemas: dict[str, int] = {}
