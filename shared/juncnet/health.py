@@ -59,6 +59,7 @@ class HealthCounters:
 
     def error(self, text: str) -> None:
         """Count a failure that was survived, log it (rate-limited) and show it as `last_error`."""
+        text = text.encode("utf-8", "replace").decode()  # a file's name may hold what is no text
         with self._lock:
             self._errors += 1
             self._last_error = text

@@ -53,6 +53,16 @@ def test_errors_are_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> No
     assert [r.message for r in caplog.records] == ["bad", "bad (and 49 more errors)"]
 
 
+def test_an_error_that_names_a_file_in_no_encoding_can_be_told() -> None:
+    clock = FakeClock()
+    health = HealthCounters("alpha", clock)
+    health.error("caf\udce9.png: no readable picture")
+    at = Stamp(epoch=1, sequence=1, time_ns=clock.now_ns(), clock=clock.id)
+    report = health.report(at, "f1", 42, drops=0)
+    report.encode()
+    assert report.last_error == "caf?.png: no readable picture"
+
+
 def test_the_oldest_gives_way_and_is_counted() -> None:
     inbox = Mailbox[LoadModel](Wake(), 2)
     for name in "abcd":
