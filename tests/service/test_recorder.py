@@ -35,6 +35,7 @@ from juncnet.recording.reader import RecordingError, open_recording
 from juncnet.recording.repair import is_complete, repair, repair_all
 from juncnet.recording.timeline import Shift, restamped
 from juncnet.recording.video import VideoDecoder
+from juncnet.smaller import smaller
 from juncnet.topics import (
     CAMERA_FRAME,
     CAMERA_VIDEO,
@@ -262,6 +263,21 @@ def test_a_new_size_begins_with_a_key_frame() -> None:
     wide = FrameLayout.packed(PixelFormat.I420, 96, 48)
     other = encoder.encode(Frame(stamp(3), wide, np.zeros(wide.nbytes, np.uint8)))
     assert (first.key_frame, second.key_frame, other.key_frame) == (True, False, True)
+
+
+@pytest.mark.parametrize("kind", [PixelFormat.BGR8, PixelFormat.GRAY8])
+@pytest.mark.parametrize("size", [(640, 361), (1241, 376), (3, 3)])
+def test_an_odd_picture_loses_its_last_row_or_column(
+    tmp_path: Path, kind: PixelFormat, size: tuple[int, int]
+) -> None:
+    layout = FrameLayout.packed(kind, *size)
+    odd = Frame(stamp(1), layout, np.full(layout.nbytes, 90, np.uint8))
+    run(FakeBus([(CAMERA_FRAME, odd), 0.04]), Config(folder=tmp_path))
+    width, height = smaller(odd, 960).width, smaller(odd, 960).height
+    (item,) = open_recording(tmp_path).messages([CAMERA_VIDEO.key])
+    (shown,) = VideoDecoder().decode(item.message)
+    assert (shown.width, shown.height) == (width // 2 * 2, height // 2 * 2)
+    assert abs(float(shown.bgr().mean()) - 90) < 4.0
 
 
 @pytest.fixture(name="file", params=["complete", "repaired"])

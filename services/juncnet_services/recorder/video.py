@@ -22,7 +22,8 @@ _FORMATS = {
 class Encoder:
     """Encodes frames one by one, each into one access unit, without delay; in one thread.
 
-    Quality is what `crf` says; speed is bought with size.
+    Quality is what `crf` says; speed is bought with size. The last row or column of an odd picture
+    is left out.
     """
 
     def __init__(self, crf: int, key_frame_every: int) -> None:
@@ -52,7 +53,8 @@ class Encoder:
 
     def _open(self, layout: FrameLayout) -> Any:
         codec: Any = av.CodecContext.create("libx264", "w")
-        codec.width, codec.height, codec.pix_fmt = layout.width, layout.height, "yuv420p"
+        codec.width, codec.height = layout.width // 2 * 2, layout.height // 2 * 2
+        codec.pix_fmt = "yuv420p"
         codec.time_base, codec.thread_count = TIME_BASE, 1
         x264 = f"keyint={self._every}:min-keyint={self._every}:scenecut=0:repeat-headers=1:annexb=1"
         codec.options = {
@@ -70,4 +72,4 @@ def _planes(frame: Frame) -> NDArray[np.uint8]:
     if layout.format in (PixelFormat.I420, PixelFormat.NV12):
         whole = frame.pixels.reshape(layout.height * 3 // 2, layout.stride)
         return np.ascontiguousarray(whole[:, : layout.width])
-    return np.ascontiguousarray(frame.plane())
+    return np.ascontiguousarray(frame.plane()[: layout.height // 2 * 2, : layout.width // 2 * 2])
