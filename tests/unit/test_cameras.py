@@ -1,5 +1,8 @@
 """Cameras and what they are made of: recordings, damage, pacing, frozen pictures."""
 
+import os
+import struct
+import zlib
 from pathlib import Path
 
 import av
@@ -22,7 +25,7 @@ from juncnet_services.frame_capture.pacing import Backoff, Pace
 from juncnet_services.frame_capture.planes import picture_of
 from juncnet_services.frame_capture.sources import FileSource, FolderSource, RtpSource
 from juncnet_services.frame_capture.stream import make_sdp
-from videos import band_of, write_video
+from videos import band_of, encode, mux, write_video
 
 STAMP = Stamp(epoch=1, sequence=1, time_ns=1, clock="fake-clock", uncertainty_ns=0)
 
@@ -208,6 +211,47 @@ def test_folder_of_broken_pictures_ends_though_looped(tmp_path: Path) -> None:
     camera = FolderCamera(source, FakeClock(), lambda _: None)
     assert play(camera) == []
     assert camera.ended
+
+
+def test_folder_skips_pictures_of_sizes_that_no_frame_has(tmp_path: Path) -> None:
+    for name, size in (("0", (8, 8)), ("1", (1, 1)), ("2", (8, 16385)), ("4", (9, 8))):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((*size, 3), 50, np.uint8))
+    header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
+    chunk = b"IHDR" + header
+    bomb = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk
+    (tmp_path / "3.png").write_bytes(bomb + struct.pack(">I", zlib.crc32(chunk)))
+    source = FolderSource(kind="folder", path=tmp_path, pace=Pace.FASTEST)
+    camera = FolderCamera(source, FakeClock(), lambda _: None)
+    assert [frame.height for frame in play(camera)] == [8, 9]
+    assert camera.ended
+    assert [text.split(":")[0][-5:] for text in camera.counts.problems] == [
+        "1.png",
+        "2.png",
+        "3.png",
+    ]
+
+
+def test_folder_shows_pictures_whose_names_are_in_no_encoding(tmp_path: Path) -> None:
+    coded = cv2.imencode(".png", np.full((8, 8, 3), 50, np.uint8))[1].tobytes()
+    (tmp_path / os.fsdecode(b"caf\xe9.png")).write_bytes(coded)
+    source = FolderSource(kind="folder", path=tmp_path, pace=Pace.FASTEST)
+    assert len(play(FolderCamera(source, FakeClock(), lambda _: None))) == 1
+
+
+def test_file_of_a_size_that_no_frame_has_plays_without_pictures(tmp_path: Path) -> None:
+    path = tmp_path / "thin.mov"
+    with av.open(str(path), "w") as container:
+        # av's stubs leave the type of further options open.
+        stream = container.add_stream("png", rate=25)  # pyright: ignore[reportUnknownMemberType]
+        stream.width, stream.height, stream.pix_fmt = 1, 8, "gray"
+        frames = [av.VideoFrame.from_ndarray(np.zeros((8, 1), np.uint8), format="gray")] * 3
+        for packet in encode(stream, frames):
+            mux(container, packet)
+    camera = file_camera(path)
+    assert play(camera) == []
+    assert camera.ended
+    assert camera.counts.corrupt == 3
+    assert "1x8 outside 2..16384" in camera.counts.problems[0]
 
 
 @pytest.mark.parametrize(("name", "words"), [("", "has no picture"), ("none", "does not exist")])

@@ -13,6 +13,7 @@ from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from juncnet.clocks import Clock
+from juncnet.messages import MessageError
 from juncnet_services.frame_capture.contract import AccessUnit, CameraError, Counts, Picture
 from juncnet_services.frame_capture.decoding import Decoder
 from juncnet_services.frame_capture.pacing import Pacer
@@ -61,7 +62,7 @@ class FileCamera:
             yield None
             return
         self._waiting = None
-        yield None if frame is None else picture_of(frame, self._clock.now_ns())
+        yield None if frame is None else self._picture(frame)
 
     def access_units(self) -> list[AccessUnit]:
         """Remove and return the access units up to the newest picture."""
@@ -75,6 +76,16 @@ class FileCamera:
         """Close the file."""
         self._steps.close()
         self._container.close()
+
+    def _picture(self, frame: VideoFrame) -> Picture | None:
+        try:
+            return picture_of(frame, self._clock.now_ns())
+        except MessageError as error:
+            self.counts.corrupt += 1
+            self.counts.problems.append(
+                f"{self._source.path}: {error}; skipped: give a video of another size"
+            )
+            return None
 
     def _play(self) -> Generator[tuple[float, VideoFrame | None]]:
         """Yield (time in s since the start, frame); no frame where only access units are wanted."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from juncnet.clocks import Clock
 from juncnet.frames import FrameLayout
-from juncnet.messages import PixelFormat
+from juncnet.messages import MessageError, PixelFormat
 from juncnet_services.frame_capture.contract import AccessUnit, CameraError, Counts, Picture
 from juncnet_services.frame_capture.pacing import Pacer
 from juncnet_services.frame_capture.planes import write_pixels
@@ -47,13 +47,13 @@ class FolderCamera:
             return
         path = self._paths[self._shown % len(self._paths)]
         self._shown += 1
-        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if pixels is None:
+        picture = self._read(path)
+        if picture is None:
             self._skip(path)
         last = self._shown % len(self._paths) == 0
         self.ended = last and (not self._source.loop or self._unreadable >= len(self._paths))
         self._unreadable = 0 if last else self._unreadable
-        yield None if pixels is None else self._picture(np.asarray(pixels, dtype=np.uint8))
+        yield picture
 
     def access_units(self) -> list[AccessUnit]:
         """Return nothing: these are no H.264 pictures."""
@@ -65,15 +65,27 @@ class FolderCamera:
     def close(self) -> None:
         """Do nothing: no file stays open."""
 
-    def _picture(self, pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> Picture:
-        height, width = pixels.shape[:2]
-        layout = FrameLayout.packed(PixelFormat.BGR8, width, height)
+    def _read(self, path: Path) -> Picture | None:
+        """Return the picture in a file; None: there is none, or of a size that no frame has."""
+        try:
+            # Not imread: with a name that is not UTF-8 OpenCV 5.0.0 ends the process.
+            found = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
+            if found is None:
+                return None
+            pixels = np.asarray(found, dtype=np.uint8)
+            height, width = pixels.shape[:2]
+            layout = FrameLayout.packed(PixelFormat.BGR8, width, height)
+        except (cv2.error, MessageError, OSError):
+            return None
         return Picture(layout, partial(write_pixels, pixels), self._clock.now_ns())
 
     def _skip(self, path: Path) -> None:
         self._unreadable += 1
         self.counts.corrupt += 1
-        self.counts.problems.append(f"{path}: no readable picture, skipped: remove or replace it")
+        self.counts.problems.append(
+            f"{path}: no readable picture, or not 2 to 16384 pixels wide and high; skipped: remove "
+            "or replace it"
+        )
 
 
 def _pictures_in(folder: Path) -> list[Path]:
