@@ -36,9 +36,13 @@ class Flight:
         """Short name of the directory: what the flight's shared memory is called after."""
         return "jn" + hashlib.sha256(str(self.directory.resolve()).encode()).hexdigest()[:8]
 
+    def socket_path(self, process: str) -> Path:
+        """Return the Unix socket on which `process` listens."""
+        return self.directory / f"{process}.zsock"
+
     def socket(self, process: str) -> str:
         """Return the Zenoh endpoint on which `process` listens."""
-        return f"unixsock-stream/{self.directory}/{process}.zsock"
+        return f"unixsock-stream/{self.socket_path(process)}"
 
     def save(self) -> None:
         """Write `flight.json` into the directory; whoever starts there later joins this flight."""

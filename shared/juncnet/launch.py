@@ -32,6 +32,8 @@ from juncnet.zenoh_bus import ZenohBus
 C = TypeVar("C", bound=BaseModel)
 FLIGHT_VARIABLE = "JUNCNET_FLIGHT"
 """Environment variable with the flight directory, for processes that a supervisor starts."""
+DEFAULT_ROBOT = "robot"
+"""As layouts call it that give no name."""
 MISCONFIGURED = 2
 """Exit code of a process that will not work however often it is started."""
 SUPERVISOR_START_S = 1.5
@@ -118,28 +120,33 @@ def open_gateway(
 
 def connect(
     target: str | Path,
-    robot: str = "robot",
+    robot: str | None = None,
     frames: FrameTransport = "auto",
     timeout_s: float = 5,
     certificates: Path | None = None,
 ) -> ZenohBus:
     """Return a bus for a tool or a test: `target` is a flight directory or a gateway, `host:port`.
 
-    Through a gateway there are no frames, and `robot` must be given; `certificates` is the folder
-    of a role (default: $JUNCNET_CERTIFICATES, else a plain link).
+    Through a gateway there are no frames, and `robot` is whom the bus speaks of (default: "robot");
+    `certificates` is the folder of a role (default: $JUNCNET_CERTIFICATES, else a plain link).
 
     Raises:
-        ConnectionError: nobody is there, or the certificates cannot be used.
+        ConnectionError: nobody is there, the directory's flight is of another robot than the one
+            named, or the certificates cannot be used.
     """
     service, remote = f"cli-{os.getpid()}", None
     if Path(target).is_dir():
         flight = read_flight(Path(target))
+        if robot not in (None, flight.robot):
+            raise ConnectionError(
+                f"{target} is a flight of robot {flight.robot!r}, not {robot!r}: name one of them"
+            )
         settings = links.visitor(flight)
         remote = _remote_of(flight, certificates)
     else:
         if str(target).startswith(("/", ".")) or ":" not in str(target):
             raise ConnectionError(f"{target}: neither a flight's directory nor HOST:PORT")
-        flight = Flight("outside", Path(), robot, ())
+        flight = Flight("outside", Path(), robot or DEFAULT_ROBOT, ())
         settings = _outsider(str(target), certificates)
     try:
         bus = ZenohBus(settings, flight, service, Path(), frames, remote)

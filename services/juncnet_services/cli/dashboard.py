@@ -112,8 +112,11 @@ def main(argv: list[str]) -> int:
         wanted = targets(options.connect, options.robot)
         config = configuration(options, wanted[0])
         with contextlib.ExitStack() as stack:
-            robot = options.robot[0] if options.robot else "robot"
-            buses = [stack.enter_context(connect(target, robot)) for target in wanted]
+            robot = options.robot[0] if options.robot else None
+            buses = [
+                stack.enter_context(connect(target, None if Path(target).is_dir() else robot))
+                for target in wanted
+            ]
             serve(buses, options.robot, config)
     except LayoutError as error:
         print(f"juncnet dashboard: {error}", file=sys.stderr)

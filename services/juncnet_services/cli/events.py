@@ -87,8 +87,7 @@ def main(argv: list[str]) -> int:
     until_s = float("inf") if options.limit is None else time.monotonic() + options.limit
     try:
         target = options.connect or newest_flight(options.robot)
-        outside = options.robot if options.robot not in (None, "*") else "robot"
-        with connect(target, outside) as bus:
+        with connect(target, None if options.robot == "*" else options.robot) as bus:
             inbox = bus.subscribe(JUNCTION_EVENT, CAPACITY, robot=options.robot)
             flight = Path(target) if Path(target).is_dir() else None
             follow(bus, inbox, options.json, flight, until_s)

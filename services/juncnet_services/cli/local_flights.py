@@ -4,10 +4,13 @@ import contextlib
 import os
 import shutil
 import signal
+import socket
 import time
 from pathlib import Path
 
+from juncnet.access import VEHICLE_SIDE
 from juncnet.flight import Flight, flights_root, read_flight
+from juncnet.layout import SAVED, LayoutError, load_layout
 from juncnet_services.cli.supervise import Supervisor
 
 UP_MARK = "up.json"
@@ -39,6 +42,40 @@ def is_running(flight: Flight) -> bool:
 def running_flights(robot: str | None = None) -> list[Flight]:
     """Return the flights that run, of this robot only if one is named, oldest first."""
     return [flight for flight in all_flights(robot) if is_running(flight)]
+
+
+def listens(flight: Flight) -> bool:
+    """Return whether a process of the flight lets others in, whoever started it and however."""
+    for process in flight.processes:
+        with socket.socket(socket.AF_UNIX) as probe:
+            probe.setblocking(False)
+            try:
+                probe.connect(str(flight.socket_path(process)))
+            except BlockingIOError:  # it is there, and hangs
+                return True
+            except OSError:
+                continue
+            return True
+    return False
+
+
+def commands_vehicle(flight: Flight) -> bool:
+    """Return whether an order can reach a vehicle through the flight: no replay has one."""
+    if VEHICLE_SIDE in flight.processes:
+        return True
+    saved = flight.directory / SAVED
+    try:
+        return saved.exists() and load_layout(saved).links.vehicle is not None
+    except LayoutError:
+        return True
+
+
+def flights_to_order(robot: str | None = None) -> list[Flight]:
+    """Return the flights that an order can mean, of this robot only if one is named.
+
+    Those that are starting are among them, and those that were started by hand.
+    """
+    return [f for f in all_flights(robot) if commands_vehicle(f) and (listens(f) or is_running(f))]
 
 
 def started_by_up(flight: Flight) -> bool:

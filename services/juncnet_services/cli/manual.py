@@ -28,7 +28,13 @@ from juncnet.clocks import NS_PER_S
 from juncnet.launch import connect
 from juncnet.messages import Ack, Override, OverrideKind, Stamp, VehicleState, Velocity
 from juncnet.topics import COMMAND_ACK, COMMAND_OVERRIDE, VEHICLE_STATE
-from juncnet_services.cli.operator import add_link_options, newest_flight, order, verdict
+from juncnet_services.cli.operator import (
+    WhichFlightError,
+    add_link_options,
+    only_target,
+    order,
+    verdict,
+)
 from juncnet_services.cli.stick import Speeds, Stick, key_names
 
 PERIOD_S = 0.05
@@ -168,7 +174,7 @@ def main(argv: list[str]) -> int:
         return 2
     stick = Stick(Speeds(options.forward, options.lateral, options.vertical, options.yaw))
     try:
-        target = options.flight or newest_flight()
+        target = only_target(options.flight, options.robot)
         with connect(target, options.robot, certificates=options.certificates) as bus:
             print((__doc__ or "").partition("\n\n")[2].partition("\n\n")[0])
             for number in (signal.SIGTERM, signal.SIGHUP):
@@ -181,7 +187,7 @@ def main(argv: list[str]) -> int:
                     fly(bus, keys, stick, options.operator, _show)
             finally:
                 ack, took_s = order(bus, OverrideKind.HOLD, options.operator, STOP_TIMEOUT_S)
-    except (ConnectionError, FileNotFoundError) as error:
+    except (WhichFlightError, OSError) as error:
         print(f"juncnet manual: {error}", file=sys.stderr)
         return 1
     print(f"\n{verdict('stop', ack, took_s)}")

@@ -1,7 +1,9 @@
 """`juncnet stop | land | resume | takeoff | emergency`: an operator's order and its confirmation.
 
 Each works from any host with the right: `--flight HOST:PORT` with `--certificates`, or on the
-vehicle's host itself. The vehicle's side confirms, and the time that it took is shown.
+vehicle's host itself, where it goes to the flight that runs, of `--robot` if one is named. Where
+several run `stop` stops them all, and the others refuse. The vehicle's side confirms, and the time
+that it took is shown.
 """
 
 import argparse
@@ -9,15 +11,18 @@ import getpass
 import re
 import socket
 import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 from juncnet.bus import Bus, Inbox
 from juncnet.clocks import NS_PER_S
-from juncnet.flight import flights_root
+from juncnet.flight import Flight, flights_root
 from juncnet.identity import CERTIFICATES_VARIABLE
-from juncnet.launch import connect
+from juncnet.launch import DEFAULT_ROBOT, connect
 from juncnet.messages import Ack, Override, OverrideKind, Stamp
 from juncnet.topics import COMMAND_ACK, COMMAND_OVERRIDE
+from juncnet_services.cli.local_flights import flights_to_order
 from juncnet_services.command_output.arbiter import AGE_UNKNOWN
 
 KINDS = {
@@ -82,22 +87,50 @@ def confirmed() -> bool:
     )
 
 
-def newest_flight() -> Path:
-    """Return the directory of this user's newest flight.
+class WhichFlightError(Exception):
+    """It is not clear to which flight an order shall go; the text has cause and remedy."""
+
+
+def running_targets(robot: str | None) -> list[Flight]:
+    """Return the flights on this host that an order can mean, at least one.
 
     Raises:
-        FileNotFoundError: there is none.
+        WhichFlightError: there is none.
     """
-    found = sorted(flights_root().glob("*/flight.json"), key=lambda path: path.stat().st_mtime)
-    if not found:
-        raise FileNotFoundError(f"no flight in {flights_root()}: name one with --flight")
-    return found[-1].parent
+    found = flights_to_order(robot)
+    if found:
+        return found
+    whose = f" of robot {robot}" if robot else ""
+    text = f"no flight{whose} runs in {flights_root()}: name one with --flight DIRECTORY|HOST:PORT"
+    others = flights_to_order() if robot else []
+    raise WhichFlightError("\n".join([text, *(["these run:"] if others else []), *_lines(others)]))
+
+
+def only_target(flight: str | None, robot: str | None) -> str | Path:
+    """Return the flight that is named, else the only one that an order can mean.
+
+    Raises:
+        WhichFlightError: there is none, or there are several.
+    """
+    if flight is not None:
+        return flight
+    found = running_targets(robot)
+    if len(found) > 1:
+        text = f"{len(found)} flights run here: name one with --robot or --flight"
+        raise WhichFlightError("\n".join([text, *_lines(found)]))
+    return found[0].directory
+
+
+def _lines(flights: Sequence[Flight]) -> list[str]:
+    return [f"    --robot {flight.robot}    --flight {flight.directory}" for flight in flights]
 
 
 def add_link_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that say which vehicle, and as whom."""
-    parser.add_argument("--flight", help="flight directory or router host:port (default: newest)")
-    parser.add_argument("--robot", default="robot", help="its name, through a router")
+    parser.add_argument("--flight", help="directory or router host:port (default: what runs here)")
+    parser.add_argument(
+        "--robot", help=f"its name (default: whose flight runs; by a router: {DEFAULT_ROBOT})"
+    )
     parser.add_argument("--operator", default=operator_name(), help="who orders (user.host)")
     parser.add_argument(
         "--certificates",
@@ -114,18 +147,51 @@ def main(argv: list[str]) -> int:
     add_link_options(parser)
     parser.add_argument("--timeout", type=float, default=3.0, metavar="SECONDS")
     options = parser.parse_args(argv)
+    try:
+        if options.order == "stop" and options.flight is None:
+            return stop_all(running_targets(options.robot), options)
+        target = only_target(options.flight, options.robot)
+    except WhichFlightError as error:
+        print(f"juncnet {options.order}: {error}", file=sys.stderr)
+        return 1
     if options.order == "emergency" and not confirmed():
         print("nothing done", file=sys.stderr)
         return 1
+    ack, text = give(target, options)
+    print(text, file=sys.stdout if ack else sys.stderr)
+    return 0 if ack is not None and ack.accepted else 1
+
+
+def give(target: str | Path, options: argparse.Namespace) -> tuple[Ack | None, str]:
+    """Give the order to a flight; return the answer, if any, and in one line what became of it."""
     try:
-        target = options.flight or newest_flight()
         with connect(target, options.robot, certificates=options.certificates) as bus:
             ack, took_s = order(bus, KINDS[options.order], options.operator, options.timeout)
-    except (ConnectionError, FileNotFoundError) as error:
-        print(f"juncnet {options.order}: {error}", file=sys.stderr)
-        return 1
-    print(verdict(options.order, ack, took_s), file=sys.stdout if ack else sys.stderr)
-    return 0 if ack is not None and ack.accepted else 1
+    except OSError as error:  # nobody there, no such flight, or one of another user
+        return None, f"juncnet {options.order}: {error}"
+    return ack, verdict(options.order, ack, took_s)
+
+
+def stop_all(flights: Sequence[Flight], options: argparse.Namespace) -> int:
+    """Stop all flights at once, for to stop one too many is safe; return 0 when all obeyed."""
+    if len(flights) > 1:
+        print(f"{len(flights)} flights run here: all are stopped", file=sys.stderr)
+    all_obeyed = True
+    for flight, (ack, text) in _given(flights, options):
+        where = f"{flight.robot} in {flight.directory}: " if len(flights) > 1 else ""
+        print(f"{where}{text}", file=sys.stdout if ack else sys.stderr, flush=True)
+        all_obeyed = all_obeyed and ack is not None and ack.accepted
+    return 0 if all_obeyed else 1
+
+
+def _given(
+    flights: Sequence[Flight], options: argparse.Namespace
+) -> Iterator[tuple[Flight, tuple[Ack | None, str]]]:
+    """Give the order to all flights, none waiting for another; yield what became, as it comes."""
+    with ThreadPoolExecutor(len(flights)) as pool:
+        given = {pool.submit(give, flight.directory, options): flight for flight in flights}
+        for done in as_completed(given):
+            yield given[done], done.result()
 
 
 def verdict(name: str, ack: Ack | None, took_s: float) -> str:

@@ -39,7 +39,7 @@ def main(argv: list[str]) -> int:
     give_way(NICENESS)
     try:
         target = options.connect or newest_flight(options.robot)
-        with connect(target, options.robot or "robot") as bus:
+        with connect(target, options.robot) as bus:
             _stop_when_over(bus, Path(target), options.limit)
             print(f"recording robot {bus.robot} to {config.folder}; Ctrl-C ends", file=sys.stderr)
             run(bus, config)
