@@ -80,10 +80,10 @@ class ZenohBus(ServiceProcess):
         return self._session
 
     def _watch_clocks(self) -> ClockWatch:
-        self._declared.append(tell_time(self._session, self.robot, self._clock))
+        self._declared.append(tell_time(self._session, self._clock))
         control = None if self._remote is None else self._remote.control
         if control is not None:
-            control.when_open(lambda s: self._keep(tell_time(s, self.robot, self._clock)))
+            control.when_open(lambda s: self._keep(tell_time(s, self._clock)))
         return ClockWatch(self._offsets, self._clock, self.robot, self._session, control)
 
     def _keep(self, declared: Any) -> None:

@@ -23,15 +23,18 @@ IDLE_TICK_S = 0.5
 """While no other clock is wanted."""
 
 
-def tell_time(session: zenoh.Session, robot: str, clock: Clock) -> zenoh.Queryable[None]:
-    """Answer whoever asks for `clock` on this session, at once, in a thread of Zenoh's."""
-    key = clock_key(robot, clock.id)
+def tell_time(session: zenoh.Session, clock: Clock) -> zenoh.Queryable[None]:
+    """Answer whoever asks for `clock` on this session, at once, in a thread of Zenoh's.
+
+    Every robot may ask, under its own name: a dashboard orders robots that it hears of later.
+    """
+    key = clock_key("*", clock.id)
 
     def answer(query: zenoh.Query) -> None:
         reading = ClockReading(clock=clock.id, time_ns=clock.now_ns())
         # Zenoh leaves the results of its commands without a type.
         query.reply(  # pyright: ignore[reportUnknownMemberType]
-            key, reading.encode()[0], encoding=ClockReading.encoding(), express=True
+            query.key_expr, reading.encode()[0], encoding=ClockReading.encoding(), express=True
         )
 
     return session.declare_queryable(key, answer)

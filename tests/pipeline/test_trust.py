@@ -1,5 +1,6 @@
 """What links are allowed: who is let in where, what a viewer behind a laptop can do, operators."""
 
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,12 +12,19 @@ import peers
 import vehicle_side as side
 from juncnet import links
 from juncnet.access import Role
+from juncnet.clocks import NS_PER_S
 from juncnet.flight import Flight, new_flight
 from juncnet.identity import read_identity
 from juncnet.launch import connect, open_gateway
 from juncnet.layout import LayoutError, load_layout
-from juncnet.messages import OverrideKind, RoadCommand, Velocity
-from juncnet.topics import COMMAND_OVERRIDE, COMMAND_VELOCITY, ROAD_COMMAND, VEHICLE_STATE
+from juncnet.messages import Override, OverrideKind, RoadCommand, Velocity
+from juncnet.topics import (
+    COMMAND_ACK,
+    COMMAND_OVERRIDE,
+    COMMAND_VELOCITY,
+    ROAD_COMMAND,
+    VEHICLE_STATE,
+)
 from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.operator import main as operator_main
 from juncnet_services.cli.operator import order
@@ -134,3 +142,30 @@ def test_an_operators_orders_are_confirmed_over_a_link(
     assert "stop: obeyed after" in capsys.readouterr().out
     assert operator_main(["stop", *where, str(folder / Role.VIEWER), "--timeout", "0.5"]) == 1
     assert "NO ANSWER" in capsys.readouterr().err
+
+
+class OtherClock:
+    """The clock of another host."""
+
+    id = "boot-of-another-host"
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns() + 5000 * NS_PER_S
+
+
+def test_who_was_not_told_a_robots_name_orders_it_from_another_host(
+    vehicle: VehicleSide, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("juncnet.process.HostClock", OtherClock)
+        page = connect(vehicle.address, "somebody", certificates=folder / Role.OPERATOR)
+    with page:
+        answers = page.subscribe(COMMAND_ACK, 64, robot="*")
+
+        def resumed() -> bool:
+            resume = Override(issued=page.stamp(), kind=OverrideKind.RESUME)
+            page.publish(COMMAND_OVERRIDE, resume, robot=side.ROBOT)
+            page.wait(0.1)
+            return any(ack.accepted for _, ack in answers.drain())
+
+        assert peers.eventually(resumed)

@@ -76,9 +76,10 @@ def test_nobody_speaks_for_the_vehicle() -> None:
 
 
 def test_only_who_commands_says_what_a_clock_shows() -> None:
-    key = t.clock_key("robot", "boot-1")
-    tells = [role for role in Role if allowed(role, "declare_queryable", key)]
-    assert tells == [Role.NAVIGATION, Role.OPERATOR]
+    key, of_any_robot = (t.clock_key(robot, "boot-1") for robot in ("robot", "*"))
+    for message, told in (("declare_queryable", of_any_robot), ("reply", key)):
+        tells = [role for role in Role if allowed(role, message, told)]
+        assert tells == [Role.NAVIGATION, Role.OPERATOR]
     assert all(allowed(role, "query", key) for role in RIGHTS)
 
 
