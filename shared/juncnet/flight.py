@@ -15,6 +15,7 @@ import uuid
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+SAVED_AS = "flight.json"
 SOCKET_PATH_LIMIT = 107
 """Bytes of a Unix socket's path on Linux."""
 INITIAL_TIME_NAMESPACE = 0xEFFFFFFA
@@ -36,6 +37,11 @@ class Flight:
         """Short name of the directory: what the flight's shared memory is called after."""
         return "jn" + hashlib.sha256(str(self.directory.resolve()).encode()).hexdigest()[:8]
 
+    @property
+    def is_saved(self) -> bool:
+        """Whether the directory is a flight's."""
+        return (self.directory / SAVED_AS).is_file()
+
     def socket_path(self, process: str) -> Path:
         """Return the Unix socket on which `process` listens."""
         return self.directory / f"{process}.zsock"
@@ -47,7 +53,7 @@ class Flight:
     def save(self) -> None:
         """Write `flight.json` into the directory; whoever starts there later joins this flight."""
         fields = asdict(self) | {"directory": str(self.directory)}
-        path = self.directory / "flight.json"
+        path = self.directory / SAVED_AS
         draft = path.with_suffix(f".{os.getpid()}")
         draft.write_text(json.dumps(fields, indent=2) + "\n")
         draft.replace(path)
@@ -98,7 +104,7 @@ def read_flight(directory: Path) -> Flight:
     Raises:
         FileNotFoundError: there is none.
     """
-    fields = json.loads((directory / "flight.json").read_text())
+    fields = json.loads((directory / SAVED_AS).read_text())
     return Flight(
         str(fields["id"]), directory.absolute(), str(fields["robot"]), tuple(fields["processes"])
     )

@@ -16,7 +16,8 @@ from juncnet.frames_zenoh import ZenohFrameReader, ZenohFrameWriter
 from juncnet.health import HealthCounters
 from juncnet.inbox import Wake
 
-FrameTransport = Literal["auto", "iceoryx2", "zenoh"]
+FrameTransport = Literal["auto", "iceoryx2", "zenoh", "none"]
+"""How pictures travel; none: none are read, as by who is no part of the flight."""
 Send = Callable[[bytes | bytearray], None]
 Receive = Callable[[bytes], None]
 Poll = Callable[[], bytes | None]
@@ -43,6 +44,7 @@ class FramePorts:
     ) -> None:
         self._flight, self._epoch, self._listening = flight, epoch, listening
         self._declare_send, self._declare_receive, self._declare_poll = declare
+        self._reads = transport != "none"
         self._shared = transport == "iceoryx2" or (transport == "auto" and available())
         self._node: IceoryxNode | None = None
         self._lock = threading.Lock()
@@ -63,6 +65,8 @@ class FramePorts:
                 self._declare_receive(key, shared.announce)
             return shared
         reader = ZenohFrameReader(*self._listening)
+        if not self._reads:
+            return reader
         self._declare_receive(f"{key}/{PIXELS_KEY}", reader.put)
         self._declare_receive(key, reader.announce)
         return reader

@@ -80,7 +80,8 @@ def join_lock(tag: str) -> TextIO:
 def sweep(flight: Flight | None = None) -> None:
     """Remove what flights without a living process left in shared memory.
 
-    Any flight of this user is swept, its directory may be long gone; `flight` with its files too.
+    Any flight of this user is swept, its directory may be long gone; `flight` with its files too,
+    if its directory is one: elsewhere a folder of this name may be the user's own.
     """
     for path in _locks().glob("jn????????_lock"):
         tag = path.name.removesuffix("_lock")
@@ -88,7 +89,7 @@ def sweep(flight: Flight | None = None) -> None:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if not _is_at(lock, path):
                 continue
-            if flight is not None and flight.tag == tag:
+            if flight is not None and flight.tag == tag and flight.is_saved:
                 shutil.rmtree(root(flight), ignore_errors=True)
             shutil.rmtree(Path(tempfile.gettempdir()) / tag, ignore_errors=True)
             for leftover in path.parent.glob(f"{tag}_*"):

@@ -34,6 +34,8 @@ FLIGHT_VARIABLE = "JUNCNET_FLIGHT"
 """Environment variable with the flight directory, for processes that a supervisor starts."""
 DEFAULT_ROBOT = "robot"
 """As layouts call it that give no name."""
+NOWHERE = Path(os.devnull)
+"""The directory of who is no part of a flight: nothing can be read or written in it."""
 MISCONFIGURED = 2
 """Exit code of a process that will not work however often it is started."""
 SUPERVISOR_START_S = 1.5
@@ -146,10 +148,10 @@ def connect(
     else:
         if str(target).startswith(("/", ".")) or ":" not in str(target):
             raise ConnectionError(f"{target}: neither a flight's directory nor HOST:PORT")
-        flight = Flight("outside", Path(), robot or DEFAULT_ROBOT, ())
+        flight, frames = Flight("outside", NOWHERE, robot or DEFAULT_ROBOT, ()), "none"
         settings = _outsider(str(target), certificates)
     try:
-        bus = ZenohBus(settings, flight, service, Path(), frames, remote)
+        bus = ZenohBus(settings, flight, service, NOWHERE, frames, remote)
     except zenoh.ZError as error:
         raise ConnectionError(f"{target}: {error}") from error
     deadline = time.monotonic() + timeout_s

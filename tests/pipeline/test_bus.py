@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ import peers
 from juncnet import topics as t
 from juncnet.flight import Flight
 from juncnet.launch import connect, open_gateway
+from juncnet.layout import SAVED
 from juncnet.messages import Health, JpegImage, LoadModel, Mission, Reply, SetMission
 from juncnet.zenoh_bus import ZenohBus
 
@@ -215,6 +217,27 @@ def test_outsiders_hear_everything_once_and_may_ask(flight: Flight) -> None:
         assert [e.index if e else None for e in received] == [0, 1, 2, 3, 4]
         reply = outsider.request(t.MISSION_SET, SetMission(mission=Mission(name="x")))
         assert reply.accepted
+
+
+def test_an_outsider_gets_no_frames_and_leaves_its_working_directory_alone(
+    flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    own = tmp_path / "iox" / "mine.txt"
+    own.parent.mkdir()
+    own.write_text("mine")
+    (tmp_path / SAVED).write_text("{}")
+    with (
+        peers.started("write_frames", flight, "alpha", "zenoh"),
+        _gateway(flight) as address,
+        connect(address) as outsider,
+    ):
+        assert outsider.subscribe(t.health_topic("*")).take(10.0) is not None
+        with outsider.frames_in(t.CAMERA_FRAME).take(0.5) as frame:
+            assert frame is None
+        assert not (outsider.flight_dir / SAVED).exists()
+    assert own.read_text() == "mine"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["iox", SAVED]
 
 
 def test_a_tool_joins_by_the_flight_directory(flight: Flight) -> None:

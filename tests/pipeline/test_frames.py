@@ -1,6 +1,7 @@
 """Frames between processes, by both transports: whole, paired, and through every kind of death."""
 
 import signal
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,7 +15,7 @@ from juncnet import topics as t
 from juncnet.flight import Flight
 from juncnet.frame_ports import FrameTransport
 from juncnet.frames import Frame, FrameLayout, FrameReader
-from juncnet.frames_iceoryx2 import SHARED_MEMORY
+from juncnet.frames_iceoryx2 import SHARED_MEMORY, IceoryxNode
 from juncnet.frames_wire import ENCODING, PIXELS_KEY, PREFIX_BYTES, FramePrefix
 from juncnet.messages import PixelFormat
 from juncnet.zenoh_bus import ZenohBus
@@ -185,6 +186,16 @@ def test_nothing_is_left_in_shared_memory(flight: Flight) -> None:
     with peers.a_flight() as another, peers.member(another, "beta", "iceoryx2") as bus:
         bus.frames_out(t.CAMERA_FRAME)  # whoever starts next clears what a dead flight left
         assert left() == []
+
+
+def test_a_folder_called_iox_outside_of_flights_is_kept() -> None:
+    pytest.importorskip("iceoryx2")
+    with tempfile.TemporaryDirectory(prefix="jn-") as folder:
+        own = Path(folder) / "iox" / "mine.txt"
+        own.parent.mkdir()
+        own.write_text("mine")
+        IceoryxNode(Flight("outside", Path(folder), "robot", ())).close()
+        assert own.read_text() == "mine"
 
 
 def test_damaged_frames_are_counted_and_survived(
