@@ -10,10 +10,11 @@ import time
 from collections.abc import Generator
 from pathlib import Path
 
+import psutil
 import pytest
 
-from juncnet_services.cli import down, events, status, up
-from juncnet_services.cli.local_flights import all_flights, pids_of, running_flights
+from juncnet_services.cli import down, events, status, supervise, up
+from juncnet_services.cli.local_flights import all_flights, pids_of, running_flights, started_by_up
 from juncnet_services.cli.supervise import Supervisor
 
 LAYOUT = """
@@ -76,6 +77,56 @@ def test_up_says_which_process_does_not_work_and_why(
     assert "frame_capture (exited)" in text
     assert "missing.mp4" in text
     assert status.main([]) == 1
+
+
+@pytest.mark.parametrize("odd", ["a #b", "a ;b", "100 %(here)s 'x'\n#c"])
+def test_any_character_may_stand_in_folders_and_options(
+    layout: Path, odd: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = layout.parent / odd
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    path = layout.rename(folder / f"{odd}.toml")
+    state = f"launch.state_dir={json.dumps(odd)}"
+    assert up.main([str(path), "--set", state, "--timeout", "20"]) == 0
+    (flight,) = running_flights()
+    assert len(pids_of(flight)) == 3
+    assert (folder / odd).is_dir()
+
+
+def test_up_leaves_nothing_behind_where_no_process_starts(
+    layout: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    setting = "launch.state_dir=/dev/null/state"
+    assert up.main([str(layout), "--set", setting, "--timeout", "2"]) == 1
+    told = capsys.readouterr().err
+    assert "no process of this flight is running" in told
+    assert "3 of 3 processes did not report" in told
+    assert "NotADirectoryError" in told
+    assert "INFO spawned: 'router'" in told
+    (flight,) = all_flights()
+    assert f"their logs are in {flight.directory}" in told
+    assert pids_of(flight) == []
+    assert not Supervisor(flight.directory).running
+    assert not started_by_up(flight)
+
+
+def test_up_leaves_no_supervisor_behind_that_does_not_answer(
+    layout: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(supervise, "START_TIMEOUT_S", 0.0)
+    assert up.main([str(layout)]) == 1
+    assert "supervisord did not start" in capsys.readouterr().err
+    (flight,) = all_flights()
+    conf = str(flight.directory / supervise.CONF)
+    assert not [p for p in psutil.process_iter() if conf in cmdline(p)]
+
+
+def cmdline(process: psutil.Process) -> list[str]:
+    try:
+        return process.cmdline()
+    except psutil.Error:  # it has ended
+        return []
 
 
 def test_a_wrong_layout_starts_nothing(layout: Path, capsys: pytest.CaptureFixture[str]) -> None:

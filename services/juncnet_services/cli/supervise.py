@@ -1,5 +1,6 @@
 """Starts, watches and stops the processes of a flight with supervisord."""
 
+import os
 import subprocess
 import sys
 import time
@@ -14,6 +15,9 @@ CONF = "supervisord.conf"
 SOCKET = "supervisor.sock"
 START_TIMEOUT_S = 20.0
 STOP_WAIT_S = 3
+SPELLED = {"#": "JUNCNET_HASH", ";": "JUNCNET_SEMICOLON", "\n": "JUNCNET_NEWLINE"}
+"""Characters that would end a value in supervisord's configuration, for which it knows no escape:
+each stands in an environment variable, of supervisord's, that the configuration names instead."""
 
 _HEAD = """\
 [supervisord]
@@ -74,16 +78,15 @@ def configuration(
     where this one does, so that relative paths in their options mean what they say.
     """
     quoted = " ".join(_quote(a) for a in arguments)
-    head = _HEAD.format(
-        directory=directory, socket=SOCKET, nodaemon="true" if foreground else "false"
-    )
+    where = _spelled(str(directory))
+    head = _HEAD.format(directory=where, socket=SOCKET, nodaemon="true" if foreground else "false")
     return head + "".join(
         _PROGRAM.format(
             name=name,
             python=_quote(sys.executable),
             arguments=quoted,
-            directory=directory,
-            here=str(Path.cwd()).replace("%", "%%"),
+            directory=where,
+            here=_spelled(str(Path.cwd())),
             stop_wait_s=STOP_WAIT_S,
         )
         for name in processes
@@ -91,8 +94,16 @@ def configuration(
 
 
 def _quote(argument: str) -> str:
-    # supervisor splits with shlex and expands %(...)s
-    return "'" + argument.replace("'", "'\"'\"'").replace("%", "%%") + "'"
+    # supervisor splits with shlex
+    return "'" + _spelled(argument.replace("'", "'\"'\"'")) + "'"
+
+
+def _spelled(text: str) -> str:
+    """Return `text` as supervisord's configuration has it: expanded, it is `text` again."""
+    text = text.replace("%", "%%")
+    for character, variable in SPELLED.items():
+        text = text.replace(character, f"%(ENV_{variable})s")
+    return text
 
 
 class Supervisor:
@@ -129,6 +140,7 @@ class Supervisor:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
+            env=os.environ | {variable: character for character, variable in SPELLED.items()},
         )
         deadline = time.monotonic() + START_TIMEOUT_S
         while time.monotonic() < deadline:

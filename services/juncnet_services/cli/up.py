@@ -18,7 +18,7 @@ from juncnet.launch import connect
 from juncnet.layout import OPTIONAL, SAVED, Layout, LayoutError, load_layout
 from juncnet.messages import Health
 from juncnet.topics import health_topic
-from juncnet_services.cli.local_flights import UP_MARK, running_flights, started_by_up
+from juncnet_services.cli.local_flights import UP_MARK, end, running_flights, started_by_up
 from juncnet_services.cli.supervise import ProcessStatus, Supervisor
 from juncnet_services.dashboard.service import DASHBOARD, page_url
 from juncnet_services.dashboard.service import Config as PageConfig
@@ -63,7 +63,7 @@ def start(layout: Layout, settings: Sequence[str]) -> tuple[Flight, Supervisor]:
     """Start the processes of a layout as a new flight, detached.
 
     Raises:
-        RuntimeError: the supervisor did not start.
+        RuntimeError: the supervisor did not start; none is left behind.
     """
     flight = new_flight(layout.launch.robot, layout.processes)
     mark = {"layout": str(layout.path), "settings": list(settings), "directory": str(Path.cwd())}
@@ -73,7 +73,12 @@ def start(layout: Layout, settings: Sequence[str]) -> tuple[Flight, Supervisor]:
     for setting in settings:
         arguments += ["--set", setting]
     supervisor = Supervisor(flight.directory)
-    supervisor.start(layout.processes, arguments, foreground=False)
+    try:
+        supervisor.start(layout.processes, arguments, foreground=False)
+    except BaseException:  # interrupted too
+        supervisor.stop()
+        end(flight, keep=True)
+        raise
     return flight, supervisor
 
 
@@ -92,6 +97,19 @@ def failure_text(flight: Flight, supervisor: Supervisor, silent: Sequence[str]) 
         lines += [f"  {name} ({states.get(name, 'unknown').lower()}), the end of its log:"]
         lines += [log_end(flight.directory, name)]
     return "\n".join(lines)
+
+
+def none_text(flight: Flight, supervisor: Supervisor, error: Exception) -> str:
+    """Return why no process of the flight could be reached, as far as the logs tell."""
+    return "\n".join(
+        [
+            str(error),
+            failure_text(flight, supervisor, flight.processes),
+            "the end of the supervisor's log:",
+            log_end(flight.directory, "supervisord"),
+            f"all were stopped; their logs are in {flight.directory}",
+        ]
+    )
 
 
 def success_text(flight: Flight) -> str:
@@ -156,9 +174,15 @@ def main(argv: list[str]) -> int:
         return 2
     try:
         flight, supervisor = start(layout, options.set)
-        silent = wait_for_health(flight, supervisor, options.timeout)
-    except (RuntimeError, ConnectionError) as error:
+    except RuntimeError as error:
         print(f"juncnet up: {error}", file=sys.stderr)
+        return 1
+    try:
+        silent = wait_for_health(flight, supervisor, options.timeout)
+    except ConnectionError as error:
+        text = none_text(flight, supervisor, error)
+        end(flight, keep=True)
+        print(f"juncnet up: {text}", file=sys.stderr)
         return 1
     if silent:
         print(f"juncnet up: {failure_text(flight, supervisor, silent)}", file=sys.stderr)
