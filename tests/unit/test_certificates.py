@@ -78,6 +78,43 @@ def test_a_new_authority_shuts_out_what_was_before(folder: Path) -> None:
         read_identity(lost)
 
 
+HOSTS = ("drone.local", "192.168.1.20", "localhost", "127.0.0.1", "::1")
+
+
+def test_a_new_authority_keeps_the_vehicles_names(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(folder), "--new-authority", "--host", "10.0.0.7"]) == 0
+    assert read_identity(folder / Role.DRONE).hosts == ("10.0.0.7", *HOSTS)
+    told = capsys.readouterr().out
+    assert "for 10.0.0.7, drone.local, 192.168.1.20, localhost" in told
+    assert "WARNING" not in told
+
+
+def test_an_expired_certificate_of_the_vehicle_is_made_anew_under_its_names(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("juncnet_services.cli.authority.EARLIER", 3 * EARLIER)
+        authority = open_authority(folder / "authority")
+        authority.issue(folder / Role.DRONE, Role.DRONE, HOSTS[:2], -1)
+    with pytest.raises(IdentityError, match="expired"):
+        read_identity(folder / Role.DRONE)
+    assert main([str(folder)]) == 0
+    assert read_identity(folder / Role.DRONE).hosts == HOSTS
+
+
+def test_a_vehicle_that_no_other_host_can_dial_is_warned_of(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / Role.DRONE / CERTIFICATE).write_text("not a certificate")
+    assert main([str(folder)]) == 0
+    assert "WARNING: no other host can dial the vehicle" in (told := capsys.readouterr().out)
+    assert "--host NAME" in told
+    assert main([str(folder), "--host", "drone.local"]) == 0
+    assert "WARNING" not in capsys.readouterr().out
+
+
 def test_what_is_wrong_is_named_with_the_remedy(folder: Path) -> None:
     viewer, operator = folder / Role.VIEWER, folder / Role.OPERATOR
     with pytest.raises(IdentityError, match=r"nowhere/ca\.pem.*deploy/certificates"):

@@ -82,6 +82,16 @@ def open_authority(folder: Path) -> Authority:
     return Authority(certificate, key)
 
 
+def issued_hosts(folder: Path) -> tuple[str, ...]:
+    """Return the names and addresses of the certificate in `folder`, valid or not; none without."""
+    try:
+        certificate = x509.load_pem_x509_certificate((folder / CERTIFICATE).read_bytes())
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (OSError, ValueError, x509.ExtensionNotFound):
+        return ()
+    return tuple(str(n.value) for n in names if isinstance(n, (x509.DNSName, x509.IPAddress)))
+
+
 def _found(folder: Path) -> None:
     key = ec.generate_private_key(ec.SECP256R1())
     name = _name("JuncNet CA")

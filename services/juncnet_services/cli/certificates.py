@@ -7,7 +7,8 @@ laptop, and so on; name the folder as `certificates` in the section [links] of t
 in $JUNCNET_CERTIFICATES for tools. `authority/` makes more certificates: keep it off every robot.
 
 A further call keeps what is good and makes what is missing or expired; `--renew ROLE` makes one
-anew. To shut out a lost computer make all anew (`--new-authority`) and copy it to the others.
+anew. To shut out a lost computer make all anew (`--new-authority`) and copy it to the others. The
+vehicle's names stay.
 """
 
 import argparse
@@ -76,19 +77,19 @@ def make(options: argparse.Namespace) -> Iterator[str]:
         ModuleNotFoundError: the extra `certificates` is not installed.
         ValueError: an option is wrong, or the CA is none of ours.
     """
-    from juncnet_services.cli.authority import host_name, open_authority
+    from juncnet_services.cli.authority import ALWAYS, host_name, issued_hosts, open_authority
 
     folder: Path = options.folder
     hosts = [host_name(host) for host in options.host]
     if options.days < 1:
         raise ValueError(f"--days {options.days}: must be at least 1")
+    kept_hosts = issued_hosts(folder / Role.DRONE)
     if options.new_authority:
         for name in (AUTHORITY, *Role):
             shutil.rmtree(folder / name, ignore_errors=True)
     authority = open_authority(folder / AUTHORITY)
     for role in Role:
         known = _known(folder / role)
-        kept_hosts = known.hosts if known is not None else ()
         more = role is Role.DRONE and not set(hosts) <= set(kept_hosts)
         if known is None or more or role in options.renew:
             authority.issue(folder / role, role, [*hosts, *kept_hosts], options.days)
@@ -96,6 +97,11 @@ def make(options: argparse.Namespace) -> Iterator[str]:
         done = "kept" if identity == known else "made"
         named = f", for {', '.join(identity.hosts)}" if identity.hosts else ""
         yield f"{done} {folder / role}: {role} until {identity.ends:%Y-%m-%d}{named}"
+        if role is Role.DRONE and set(identity.hosts) <= set(ALWAYS):
+            yield (
+                f"WARNING: no other host can dial the vehicle, {folder / role} names none under"
+                " which it is reached: call again with --host NAME|ADDRESS"
+            )
 
 
 def _known(folder: Path) -> Identity | None:
