@@ -44,8 +44,11 @@ def pictures(n: int, seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.uint8
 @pytest.fixture
 def roads(tmp_path: Path) -> Path:
     """Return a dataset of six sites."""
-    gray, label = pictures(120)
-    folder = tmp_path / "roads"
+    return write_roads(tmp_path / "roads")
+
+
+def write_roads(folder: Path, seed: int = 0) -> Path:
+    gray, label = pictures(120, seed)
     folder.mkdir()
     Samples(
         gray=gray,
@@ -109,6 +112,18 @@ def test_table_iv_row_by_row(
     assert compare.main([*common, "--rows", "Bayes"]) == 2
     told = capsys.readouterr().err
     assert all(name in told for name in NAMES)
+
+
+def test_a_checkpoint_of_other_pictures_makes_no_row(
+    roads: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = write_roads(tmp_path / "other", seed=1)
+    common = ["--epochs", "0.1", "--rows", "JuncNet, robust"]
+    common += ["--checkpoints", str(tmp_path / "ck"), "--out", str(tmp_path / "c.json")]
+    assert compare.main([str(roads), *common]) == 0
+    assert compare.main([str(roads), *common]) == 0, "the same pictures: it goes on"
+    assert compare.main([str(other), *common]) == 2
+    assert "another set of pictures" in capsys.readouterr().err
 
 
 def test_ablation_shows_the_change_to_the_reference(roads: Path, tmp_path: Path) -> None:

@@ -51,11 +51,19 @@ def pictures(n: int, seed: int, masked: bool = True) -> Pictures:
     return Pictures(gray, target, label, mask, np.full(n, masked))
 
 
-def trainer(recipe: Recipe = QUICK, seed: int = 3, n: int = 96) -> Trainer:
-    torch.manual_seed(seed)
+def trainer(
+    recipe: Recipe = QUICK,
+    seed: int = 3,
+    n: int = 96,
+    seen: tuple[int, int] = (0, 1),
+    start: int | None = None,
+) -> Trainer:
+    """Return a training; `seen` are the seeds of its two parts, `start` that of its weights."""
+    torch.manual_seed(seed if start is None else start)
     network = build(recipe.architecture, len(recipe.preprocessing.channels))
     extractor = Extractor(recipe.preprocessing)
-    return Trainer(network, pictures(n, 0), pictures(32, 1), recipe, seed, extractor)
+    own, judged = pictures(n, seen[0]), pictures(32, seen[1])
+    return Trainer(network, own, judged, recipe, seed, extractor)
 
 
 def weights(t: Trainer) -> np.ndarray:
@@ -125,8 +133,25 @@ def test_a_checkpoint_of_another_training_is_refused(tmp_path: Path) -> None:
         trainer(seed=4).resume(path)
     with pytest.raises(CheckpointError, match="another number of pictures"):
         trainer(n=64).resume(path)
+    for name, other in (
+        ("set of pictures", trainer(seen=(2, 1))),
+        ("validation part", trainer(seen=(0, 2))),
+        ("start", trainer(start=5)),
+    ):
+        with pytest.raises(CheckpointError, match=f"another {name}"):
+            other.resume(path)
     path.write_bytes(b"nothing")
     with pytest.raises(CheckpointError, match="cannot be read"):
+        trainer().resume(path)
+
+
+def test_a_checkpoint_that_does_not_name_its_pictures_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "c.checkpoint"
+    trainer().save(path)
+    state = torch.load(path, weights_only=True)
+    del state["what"]["set of pictures"]
+    torch.save(state, path)
+    with pytest.raises(CheckpointError, match="an earlier version wrote it"):
         trainer().resume(path)
 
 

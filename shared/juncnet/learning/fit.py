@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +83,7 @@ class Trainer:
         self._network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]  # torch's stubs lack it
         self.averaged = {k: v.clone() for k, v in network.state_dict().items()}
         """Running average of the weights by name: what is judged and exported."""
+        self._start = _fingerprint(self.averaged)
         kind = torch.optim.Adam if recipe.optimiser == "adam" else torch.optim.AdamW
         self._optimiser = kind(
             self._network.parameters(), lr=recipe.rate, weight_decay=recipe.weight_decay
@@ -233,18 +235,24 @@ class Trainer:
         """Go on from the state in `path`.
 
         Raises:
-            CheckpointError: it belongs to another recipe, seed or other data, or is damaged.
+            CheckpointError: it belongs to another recipe, seed or start, or to other data, or is
+                damaged.
         """
         try:
             state = torch.load(path, weights_only=True)
+            what: dict[str, str] = dict(state["what"])
         except Exception as error:  # torch raises many classes for a damaged file
-            raise CheckpointError(f"{path}: it cannot be read: start without --resume") from error
+            raise CheckpointError(f"{path}: it cannot be read: remove it to start anew") from error
         for name, value in self._identity().items():
-            if state["what"].get(name) != value:
+            if name not in what:
                 raise CheckpointError(
-                    f"{path}: the training there had another {name}: "
-                    f"{state['what'].get(name)} instead of {value}; "
-                    "give the same options and data, or start anew without --resume"
+                    f"{path}: an earlier version wrote it and did not say its {name}: "
+                    "remove it to start anew"
+                )
+            if what[name] != value:
+                raise CheckpointError(
+                    f"{path}: the training there had another {name}: {what[name]} instead of "
+                    f"{value}; give the same options and data, or remove it to start anew"
                 )
         self.step = int(state["step"])
         self._network.load_state_dict(state["network"])
@@ -259,7 +267,18 @@ class Trainer:
             "recipe": self.recipe.model_dump_json(),
             "seed": str(self.seed),
             "number of pictures": str(len(self._data)),
+            "set of pictures": self._data.fingerprint,
+            "validation part": self._validation.fingerprint,
+            "start": self._start,
         }
+
+
+def _fingerprint(weights: dict[str, Tensor]) -> str:
+    """Return what tells these weights from others."""
+    found = sha256()
+    for value in weights.values():
+        found.update(value.numpy().tobytes())
+    return found.hexdigest()[:16]
 
 
 def features(gray: NDArray[np.uint8], extractor: Extractor) -> Tensor:

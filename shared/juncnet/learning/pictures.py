@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,8 @@ from juncnet.shrink import shrink
 Bytes = NDArray[np.uint8]
 UNSURE = 0.6
 """A picture whose class is given a lower probability is worth seeing more often."""
+HASHED = 8192
+"""Pictures that tell one set from another; of targets and labels all do."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,17 @@ class Pictures:
         sure = self.target.max(axis=1) == 1
         wrong = sure & ((probability * self.target).sum(axis=1) < UNSURE)
         return self.take(np.repeat(np.arange(len(self)), np.where(wrong, times, 1)))
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """What tells these pictures from others: a hash of targets, labels, and some pictures."""
+        found = sha256()
+        chosen = np.linspace(0, len(self) - 1, min(len(self), HASHED)).astype(int)
+        some = (self.gray[chosen], self.mask[chosen])
+        for array in (self.target, self.label, self.masked, *some):
+            found.update(f"{array.shape} {array.dtype}".encode())
+            found.update(np.ascontiguousarray(array).data)
+        return found.hexdigest()[:16]
 
     @property
     def class_weights(self) -> NDArray[np.float32]:
