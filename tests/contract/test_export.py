@@ -65,6 +65,18 @@ def test_onnx_answers_as_torch_does(architecture: Architecture, int8: bool, tmp_
     np.testing.assert_allclose(model.probabilities(features), expected, atol=TOLERANCE)
 
 
+def test_a_refused_network_leaves_the_file_that_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "m.onnx"
+    path.write_bytes(b"a good one")
+    network = seasoned("robust")
+    with torch.no_grad():
+        next(network.parameters()).fill_(float("nan"))
+    with pytest.raises(ValueError, match=r"m\.onnx: the answers are no numbers"):
+        export(network, metadata("robust"), path)
+    assert path.read_bytes() == b"a good one"
+    assert [p.name for p in tmp_path.iterdir()] == ["m.onnx"]
+
+
 def test_a_mirrored_picture_gets_the_same_answer(tmp_path: Path) -> None:
     network = seasoned("robust")
     export(network, metadata("robust"), tmp_path / "m.onnx")

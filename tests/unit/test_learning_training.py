@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 pytest.importorskip("torch", reason="torch is not installed: deploy/test --with-train")
 
 import torch
+from torch import nn
 
 from juncnet.features import Extractor, Preprocessing
 from juncnet.learning.augment import mirror, vary
 from juncnet.learning.datasets import DatasetError, DatasetInfo, Row, open_dataset, write_dataset
-from juncnet.learning.fit import CheckpointError, Trainer, cross_entropy, predict
+from juncnet.learning.fit import CheckpointError, DivergedError, Trainer, cross_entropy, predict
 from juncnet.learning.pictures import Pictures
 from juncnet.learning.recipes import PAPER, PRESETS, Recipe
 from juncnet.learning.train import Order, divide, recipe_from, train
@@ -124,6 +125,39 @@ def test_the_best_weights_are_kept_where_that_is_wanted() -> None:
     assert spoilt.curve[0].samples == 0
     for name, value in network.state_dict().items():
         assert torch.equal(value, good.averaged[name]), name
+
+
+def test_a_diverged_training_says_so_at_once() -> None:
+    with pytest.raises(DivergedError, match="lower rate than 1e\\+30"):
+        trainer(QUICK.model_copy(update={"rate": 1e30, "schedule": "constant"})).run()
+
+
+class Bright(nn.Module):
+    """Calls bright pictures junctions."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.factor = nn.Parameter(torch.ones(1))
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        bright = self.factor * features.mean(dim=(1, 2, 3))
+        return torch.stack([-bright, bright], dim=1)
+
+
+@pytest.mark.parametrize(
+    ("label", "auc"), [([0, 1, -1], 1.0), ([1, 0, -1], 0.0), ([0, 0, -1], None), ([-1] * 3, None)]
+)
+def test_what_is_watched_is_none_and_junctions_without_the_band(
+    label: Sequence[int], auc: float | None
+) -> None:
+    shades = np.array([50, 100, 200], np.uint8)
+    gray = np.tile(shades[:, None, None], (1, 64, 64))
+    watched = dataclasses.replace(pictures(3, 0), gray=gray, label=np.array(label))
+    plain = Extractor(Preprocessing(channels=("gray",)))
+    recipe = QUICK.model_copy(update={"epochs": 0.1})
+    t = Trainer(Bright(), pictures(8, 0), pictures(8, 1), recipe, 0, plain, watched)
+    t.run()
+    assert t.curve[-1].watched_auc == auc
 
 
 def test_a_checkpoint_of_another_training_is_refused(tmp_path: Path) -> None:

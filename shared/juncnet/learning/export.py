@@ -4,6 +4,7 @@
 # pyright: reportUnknownMemberType=false
 
 import copy
+import os
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,31 +36,47 @@ class Exported:
 
 
 def export(network: nn.Module, metadata: ModelMetadata, path: Path, int8: bool = False) -> Exported:
-    """Write `network` with softmax and metadata to `path`.
+    """Write `network` with softmax and metadata to `path`; an earlier file stays if it is refused.
 
     Batch normalisation stays unfolded and weights keep their names, so that training can go on
     from the file; onnxruntime folds them when it loads it. With `int8` large weights are rounded
     and stored in a quarter of the bytes.
 
     Raises:
-        ValueError: the file does not answer as torch does within `TOLERANCE`, or rounded weights
-            answer otherwise than the trained ones.
+        ValueError: the file does not answer as torch does within `TOLERANCE`, rounded weights
+            answer otherwise than the trained ones, or the answers are no numbers.
     """
     trained = WithSoftmax(network).eval()
     stored = copy.deepcopy(trained)
     if int8:
         round_to_int8(stored)
-    probe = _probe(metadata)
-    _write(stored, metadata, path, int8)
+    part = path.with_name(path.name + ".part")
+    try:
+        _write(stored, metadata, part, int8)
+        exported = _checked(part, trained, stored, _probe(metadata))
+        os.replace(part, path)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+    return exported
+
+
+def _checked(path: Path, trained: nn.Module, stored: nn.Module, probe: torch.Tensor) -> Exported:
+    """Return how closely the file at `path` answers; ValueError as `export`."""
     with torch.no_grad():
         expected, before = stored(probe).numpy(), trained(probe).numpy()
+    if not np.isfinite(before).all():
+        raise ValueError("the answers are no numbers: train anew with a lower --rate")
     answer = Network(path.read_bytes()).run(probe.numpy(), INPUT, OUTPUT)
     deviation = float(np.abs(answer - expected).max())
-    if deviation > TOLERANCE:
-        raise ValueError(f"{path}: onnxruntime deviates from torch by {deviation:.2e}")
+    if not deviation <= TOLERANCE:
+        raise ValueError(f"onnxruntime deviates from torch by {deviation:.2e}")
     rounding = float(np.abs(before - expected).max())
-    if rounding > ROUNDING_TOLERANCE:
-        raise ValueError(f"{path}: rounding to int8 changes a probability by {rounding:.2e}")
+    if not rounding <= ROUNDING_TOLERANCE:
+        raise ValueError(
+            f"rounding to int8 changes a probability by {rounding:.2e}: leave out --int8"
+        )
     return Exported(deviation, rounding)
 
 

@@ -48,11 +48,18 @@ class Point:
     balanced_accuracy: float
     """Of the averaged weights, on the validation part."""
     watched_auc: float | None = None
-    """Area under the ROC of *any junction* against *none* on watched pictures, if there are any."""
+    """Area under the ROC of *any junction* against *none* on watched pictures, if there are any.
+
+    None also where one of both sides has no picture.
+    """
 
 
 class CheckpointError(ValueError):
     """A checkpoint that belongs to another training; the text says what differs."""
+
+
+class DivergedError(ValueError):
+    """A training whose loss is no number any more; the text says what to do."""
 
 
 class Trainer:
@@ -108,6 +115,9 @@ class Trainer:
 
         At the end the network holds the averaged weights. With `checkpoint` the state is saved
         there now and then, and at a stop.
+
+        Raises:
+            DivergedError: the loss is not finite.
         """
         report = max(1, self.steps // REPORTS)
         if self.recipe.keep_best and not self.curve:
@@ -138,11 +148,17 @@ class Trainer:
         for group in self._optimiser.param_groups:
             group["lr"] = self.rate()
         loss = self._loss(chosen, rng)
+        value = loss.item()
+        if not math.isfinite(value):
+            raise DivergedError(
+                f"the loss is {value} at step {self.step} of {self.steps}: the training diverged; "
+                f"train anew with a lower rate than {self.recipe.rate:g} (--rate)"
+            )
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()
         self._optimiser.step()
         self.step += 1
-        self._loss_sum += loss.item()
+        self._loss_sum += value
         self._follow()
 
     def chosen(self) -> NDArray[np.int64]:
@@ -203,10 +219,7 @@ class Trainer:
         known = self._validation.label >= 0
         answer = predict(self._inner, self._validation.gray[known], self._extractor)
         accuracy = balanced_accuracy(answer, self._validation.label[known])
-        auc = None
-        if self._watched is not None:
-            answer = predict(self._inner, self._watched.gray, self._extractor)
-            auc = Ranking(1 - answer[:, 0], self._watched.label > 0).area()
+        auc = self._watched_auc()
         self._inner.load_state_dict(own)
         seen = self.step * self.recipe.batch
         steps = self.step - (self.curve[-1].samples // self.recipe.batch if self.curve else 0)
@@ -214,6 +227,15 @@ class Trainer:
         self._loss_sum = 0.0
         if self.recipe.keep_best and (self._best is None or accuracy > self._best[0]):
             self._best = (accuracy, {k: v.clone() for k, v in self.averaged.items()})
+
+    def _watched_auc(self) -> float | None:
+        """Return the area on what is watched; None: nothing is, or one of both sides is empty."""
+        if self._watched is None or not (self._watched.label >= 0).any():
+            return None
+        judged = self._watched.take(np.flatnonzero(self._watched.label >= 0))
+        answer = predict(self._inner, judged.gray, self._extractor)
+        area = Ranking(1 - answer[:, 0], judged.label > 0).area()
+        return area if math.isfinite(area) else None
 
     def save(self, path: Path) -> None:
         """Write the whole state to `path`, at once or not at all."""

@@ -123,7 +123,8 @@ def train(
     `watched` is judged at every point of the curve; it is never trained on and decides nothing.
 
     Raises:
-        DatasetError, WeightsError, CheckpointError, ModelFileError: what is wrong and what to do.
+        DatasetError, WeightsError, CheckpointError, ModelFileError, DivergedError: what is wrong
+            and what to do.
     """
     classes = datasets[0].classes
     if classes[0] != "none":
@@ -232,7 +233,8 @@ Made by `{command}`. Judge it with `juncnet evaluate {order.out.name} DATA`.
         "validation": outcome.parts,
         "curve": [asdict(point) for point in outcome.curve],
     }
-    order.out.with_suffix(".json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    report = json.dumps(data, indent=1, allow_nan=False) + "\n"
+    order.out.with_suffix(".json").write_text(report, encoding="utf-8")
 
 
 def _deviation(outcome: Outcome) -> str:
