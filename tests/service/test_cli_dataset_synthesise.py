@@ -30,6 +30,14 @@ def test_shards_are_read_back_and_not_made_twice(
     written = (folder / "0000.npz").stat().st_mtime_ns
     assert command.main([str(folder), *ARGUMENTS]) == 0
     assert (folder / "0000.npz").stat().st_mtime_ns == written
+    capsys.readouterr()
+    for other in (["--pictures", "20"], ["--seed", "7"], ["--driven"], ["--noise", "0"]):
+        assert command.main([str(folder), *ARGUMENTS, *other]) == 2
+        assert "other options: name another folder" in capsys.readouterr().err
+    assert open_dataset(folder).info == dataset.info
+    (folder / command.OPTIONS).unlink()
+    assert command.main([str(folder), *ARGUMENTS]) == 2
+    assert "name another folder" in capsys.readouterr().err
     shards = list(command.shards_of(command.arguments([str(tmp_path / "e"), *ARGUMENTS])))
     (tmp_path / "e").mkdir()
     assert [command.make_shard(shard) for shard in shards] == [14]

@@ -2,10 +2,12 @@
 
 Worlds are simulated villages seen by a robot that follows their roads; streets are towns and
 motorways as photographs show them. The same options and seed give the same pictures. An interrupted
-run goes on where it was: shards that are there are kept.
+run goes on where it was: shards that are there are kept. A folder belongs to one set of options,
+which stand in its `options.json`.
 """
 
 import argparse
+import json
 import multiprocessing
 import shlex
 import sys
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 PER_SHARD = 6_000
 PER_WORLD = 600
 PER_STREET_SITE = 300
+OPTIONS = "options.json"
 RANGES = ("height_m", "pitch_deg", "fov_deg", "sun_elevation_deg", "shadow", "haze")
 NUMBERS = (
     "tilt_deg",
@@ -91,6 +94,7 @@ def main(argv: list[str]) -> int:
     try:
         shards = list(shards_of(options))
         options.folder.mkdir(parents=True, exist_ok=True)
+        _claim(options.folder, _decisive(options, shards[0]))
         _make([shard for shard in shards if not shard.path.exists()], options.processes)
     except (ValueError, OSError) as error:
         print(f"juncnet dataset synthesise: {error}", file=sys.stderr)
@@ -123,6 +127,34 @@ def shards_of(options: argparse.Namespace) -> Iterator[Shard]:
         seed = options.seed + number * 1000
         yield Shard(path, seed, n - streets, streets, options.per_world, variety, options.palette)
         left, number = left - n, number + 1
+
+
+def _decisive(options: argparse.Namespace, shard: Shard) -> dict[str, object]:
+    """Return all that decides which pictures are made."""
+    names = ("pictures", "streets", "seed", "per_world", "driven", "palette")
+    given: dict[str, object] = {name: getattr(options, name) for name in names}
+    return {**given, "variety": shard.variety.model_dump(mode="json")}
+
+
+def _claim(folder: Path, decisive: dict[str, object]) -> None:
+    """Write into the folder what its pictures are made with.
+
+    Raises:
+        ValueError: there are shards that were made with other options, or nobody knows which.
+    """
+    path = folder / OPTIONS
+    if not any(folder.glob("*.npz")):
+        path.write_text(json.dumps(decisive, indent=1) + "\n", encoding="utf-8")
+        return
+    try:
+        before = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f"{folder} has shards, and no {OPTIONS} says what they were made with: "
+            "name another folder"
+        ) from error
+    if before != decisive:
+        raise ValueError(f"{folder} was made with other options: name another folder")
 
 
 def _variety(options: argparse.Namespace) -> "Variety":
