@@ -47,18 +47,23 @@ def roads(tmp_path: Path) -> Path:
     return write_roads(tmp_path / "roads")
 
 
-def write_roads(folder: Path, seed: int = 0) -> Path:
-    gray, label = pictures(120, seed)
+def write_roads(
+    folder: Path,
+    seed: int = 0,
+    n: int = 120,
+    classes: tuple[str, ...] = ("none", "junction"),
+) -> Path:
+    gray, label = pictures(n, seed)
     folder.mkdir()
     Samples(
         gray=gray,
         target=label.astype(np.float32),
         label=label,
-        mouth_m=np.full(120, 5, np.float32),
-        height_m=np.full(120, 2, np.float32),
-        site=np.repeat(np.arange(6), 20),
+        mouth_m=np.full(n, 5, np.float32),
+        height_m=np.full(n, 2, np.float32),
+        site=np.repeat(np.arange(6), n // 6),
     ).save(folder / "a.npz")
-    write_info(folder, DatasetInfo(classes=("none", "junction"), shards=("a.npz",)))
+    write_info(folder, DatasetInfo(classes=classes, shards=("a.npz",)))
     return folder
 
 
@@ -112,6 +117,52 @@ def test_table_iv_row_by_row(
     assert compare.main([*common, "--rows", "Bayes"]) == 2
     told = capsys.readouterr().err
     assert all(name in told for name in NAMES)
+
+
+def write_folders(folder: Path) -> Path:
+    """Write class folders: nobody told their sites."""
+    gray, label = pictures(12, seed=3)
+    for number, (picture, index) in enumerate(zip(gray, label, strict=True)):
+        path = folder / ("none", "junction")[int(index)] / f"{number}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), picture)
+    return folder
+
+
+def test_a_table_goes_on_with_the_same_test_sets_alone(
+    roads: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, less = tmp_path / "compare.json", write_roads(tmp_path / "less", n=60)
+    common = [str(roads), "--rows", "kNN", "--out", str(out)]
+    also = ["--also", f"other={roads}"]
+    assert compare.main([*common, *also]) == 0
+    for other in ([], ["--also", f"other={less}"], [*also, "--test-limit", "10"]):
+        assert compare.main([*common, *other, "--resume"]) == 2
+        assert "kNN was tested on other sets" in capsys.readouterr().err
+    assert compare.main([*common, *also, "--resume"]) == 0
+
+
+def test_a_further_set_has_the_trained_classes_in_any_order(
+    roads: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    swapped = write_roads(tmp_path / "swapped", classes=("junction", "none"))
+    named = write_roads(tmp_path / "named", classes=("none", "fork"))
+    out = tmp_path / "compare.json"
+    common = [str(roads), "--rows", "kNN", "--out", str(out)]
+    assert compare.main([*common, "--also", f"swapped={swapped}"]) == 0
+    columns = json.loads(out.read_text())["entries"][0]["columns"]
+    assert columns["swapped"]["auc"] == 0.0, "its labels say the contrary"
+    assert columns["swapped"]["n"] == 120
+    assert compare.main([*common, "--also", f"named={named}"]) == 2
+    assert "named: its classes are none, fork" in capsys.readouterr().err
+
+
+def test_a_set_of_unknown_sites_says_so(roads: Path, tmp_path: Path) -> None:
+    out, folders = tmp_path / "compare.json", write_folders(tmp_path / "f")
+    wanted = [str(roads), "--rows", "kNN", "--out", str(out), "--also", f"folders={folders}"]
+    assert compare.main(wanted) == 0
+    assert json.loads(out.read_text())["sites_unknown"] == ["folders"]
+    assert "The sites of folders are unknown" in out.with_suffix(".md").read_text()
 
 
 def test_a_checkpoint_of_other_pictures_makes_no_row(

@@ -6,6 +6,7 @@ sites and on any further set. Writes models/ablate-DATA-PRESET.json, .md and .pn
 """
 
 import argparse
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from juncnet_services.cli.trained_table import MakeEntry, Plan, make_table, table_parser
@@ -30,8 +31,8 @@ def main(argv: list[str]) -> int:
 def _plan(options: argparse.Namespace) -> Plan:
     from juncnet.learning.evaluation.ablation import Subject, ablate, markdown, variants
 
-    def begin(parts: "Parts", also: "dict[str, Dataset]") -> MakeEntry:
-        subject = Subject(options.preset, parts, also, options.test_limit)
+    def begin(parts: "Parts", sets: "Mapping[str, Dataset]") -> MakeEntry:
+        subject = Subject(options.preset, parts, sets)
         return lambda name, budget: ablate(name, subject, budget)
 
     title = f"Preprocessing, preset {options.preset}"

@@ -6,6 +6,7 @@ further set. Writes models/compare-DATA.json, .md and .png after each of them.
 """
 
 import argparse
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from juncnet_services.cli.trained_table import MakeEntry, Plan, make_table, table_parser
@@ -25,14 +26,14 @@ def _plan(options: argparse.Namespace) -> Plan:
     from juncnet.learning.evaluation.compare_report import markdown
     from juncnet.learning.evaluation.contestants import NAMES
 
-    def begin(parts: "Parts", also: "dict[str, Dataset]") -> MakeEntry:
+    def begin(parts: "Parts", sets: "Mapping[str, Dataset]") -> MakeEntry:
         from juncnet.features import Preprocessing
         from juncnet.learning.evaluation.compare import columns_of, compete
         from juncnet.learning.pictures import prepared
 
         judged = (parts.train, parts.validation)
         train, validation = (prepared([part], Preprocessing()) for part in judged)
-        columns = columns_of(parts, also, options.test_limit)
+        columns = columns_of(sets, parts.train.classes, Preprocessing())
         return lambda name, budget: compete(name, train, validation, columns, budget)
 
     return Plan(NAMES, begin, markdown, "Table IV")

@@ -3,7 +3,7 @@
 import argparse
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,8 +31,8 @@ class Plan:
 
     names: Sequence[str]
     """Of all rows, in the order of the table."""
-    begin: "Callable[[Parts, dict[str, Dataset]], MakeEntry]"
-    """From what is trained on, and further test sets by name, to what makes a row."""
+    begin: "Callable[[Parts, Mapping[str, Dataset]], MakeEntry]"
+    """From what is trained on, and the test sets by name, to what makes a row."""
     markdown: "Callable[[Comparison, str], str]"
     """Of a table and its picture's file name."""
     title: str
@@ -89,6 +89,7 @@ def _fill(command: str, options: argparse.Namespace, plan: Plan) -> None:
     import torch
 
     from juncnet.learning.datasets import open_dataset
+    from juncnet.learning.evaluation.compare import judged_sets
     from juncnet.learning.evaluation.contestants import Budget
     from juncnet.learning.evaluation.protocols import divided
 
@@ -96,11 +97,12 @@ def _fill(command: str, options: argparse.Namespace, plan: Plan) -> None:
     rows = _chosen_rows(options, plan.names)
     also = {title: open_dataset(path) for title, path in map(_pair, options.also)}
     parts = divided(open_dataset(options.data), options.limit, options.seed)
-    make = plan.begin(parts, also)
+    sets = judged_sets(parts, also, options.test_limit)
     preset = f"-{options.preset}" if "preset" in options else ""
     out: Path = options.out or Path("models") / f"{command}-{_data_name(options)}{preset}.json"
-    table = _table(command, options, parts)
-    table = _resumed(table, out) if options.resume else table
+    table = _table(command, options, parts, sets)
+    table = _resumed(table, out, sets) if options.resume else table
+    make = plan.begin(parts, sets)
     for row in rows:
         if row in {entry.name for entry in table.entries}:
             continue
@@ -146,7 +148,10 @@ def _chosen_rows(options: argparse.Namespace, names: Sequence[str]) -> tuple[str
     return wanted
 
 
-def _table(command: str, options: argparse.Namespace, parts: "Parts") -> "Comparison":
+def _table(
+    command: str, options: argparse.Namespace, parts: "Parts", sets: "Mapping[str, Dataset]"
+) -> "Comparison":
+    from juncnet.learning.datasets import sites_of
     from juncnet.learning.evaluation.compare import Comparison
 
     origin = provenance([])
@@ -160,12 +165,15 @@ def _table(command: str, options: argparse.Namespace, parts: "Parts") -> "Compar
         n_train=len(parts.train),
         train_sites=len(set(parts.train.site.tolist())),
         n_validation=len(parts.validation),
+        sites_unknown=tuple(name for name, data in sets.items() if not sites_of(data)[1]),
         entries=(),
     )
 
 
-def _resumed(table: "Comparison", out: Path) -> "Comparison":
-    """Return `table` with the entries that the file at `out` has of the same training."""
+def _resumed(table: "Comparison", out: Path, sets: "Mapping[str, Dataset]") -> "Comparison":
+    """Return `table` with the entries that the file at `out` has of the same training and test."""
+    from juncnet.learning.evaluation.compare import sizes
+
     if not out.exists():
         return table
     try:
@@ -175,6 +183,13 @@ def _resumed(table: "Comparison", out: Path) -> "Comparison":
     for field in SAME:
         if getattr(before, field) != getattr(table, field):
             raise ValueError(f"{out} has another {field}: name another file with --out")
+    wanted = sizes(sets)
+    for entry in before.entries:
+        if [(name, score.n, score.sites) for name, score in entry.columns.items()] != wanted:
+            raise ValueError(
+                f"{out}: {entry.name} was tested on other sets: give the same --also and "
+                "--test-limit, or name another file with --out"
+            )
     return table.model_copy(update={"entries": before.entries})
 
 

@@ -1,7 +1,7 @@
 """What each step of the preprocessing is worth: the same training, one thing changed at a time."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,7 +9,13 @@ from torch import nn
 
 from juncnet.features import Preprocessing
 from juncnet.learning.datasets import Dataset
-from juncnet.learning.evaluation.compare import Comparison, Entry, columns_of, judged
+from juncnet.learning.evaluation.compare import (
+    Comparison,
+    Entry,
+    columns_of,
+    judged,
+    unknown_sites,
+)
 from juncnet.learning.evaluation.contestants import Budget, Rival, train_network
 from juncnet.learning.evaluation.protocols import Parts
 from juncnet.learning.evaluation.tables import percent, table
@@ -45,8 +51,8 @@ class Subject:
     base: Base
     """The recipe: `tuned` is the paper's network, `robust` the better one."""
     parts: Parts
-    also: dict[str, Dataset]
-    test_limit: int | None
+    sets: Mapping[str, Dataset]
+    """What it is tested on, by name."""
 
 
 def variants(base: Base) -> dict[str, Preprocessing]:
@@ -66,6 +72,7 @@ def ablate(
     train, validation = (
         prepared([part], preprocessing) for part in (subject.parts.train, subject.parts.validation)
     )
+    columns = columns_of(subject.sets, subject.parts.train.classes, preprocessing)
     preset = PRESETS[subject.base]
     recipe = preset.model_copy(update={"preprocessing": preprocessing, "mask_weight": 0})
 
@@ -78,7 +85,6 @@ def ablate(
     rival = Rival(make, recipe, f"preset {subject.base}")
     trained = train_network(name, rival, train, validation, budget)
     spent = clock() - started
-    columns = columns_of(subject.parts, subject.also, subject.test_limit, preprocessing)
     return Entry(
         name=name,
         how=trained.how,
@@ -121,6 +127,7 @@ def markdown(ablation: Comparison, picture: str) -> str:
             "",
             table(heads, rows),
             "",
+            *unknown_sites(ablation),
             f"![Balanced accuracy]({picture})",
             "",
             f"Made by `{ablation.command}` on {ablation.machine}; seed {ablation.seed}.",

@@ -1,14 +1,14 @@
 """The paper's Table IV on one's own data: every contestant on the same pictures."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from juncnet.features import Preprocessing
-from juncnet.learning.datasets import Dataset, sites_of
+from juncnet.learning.datasets import Dataset, DatasetError, sites_of
 from juncnet.learning.evaluation.answers import Answers
 from juncnet.learning.evaluation.contestants import Budget, Trained, train
 from juncnet.learning.evaluation.protocols import Parts
@@ -55,6 +55,8 @@ class Comparison(BaseModel):
     n_train: int
     train_sites: int
     n_validation: int
+    sites_unknown: tuple[str, ...] = ()
+    """Columns of which nobody told all sites: clips or single pictures stand for them."""
     entries: tuple[Entry, ...]
 
     def with_entry(self, entry: Entry, order: Sequence[str]) -> "Comparison":
@@ -69,27 +71,51 @@ class Column:
 
     data: Dataset
     pictures: Pictures
+    """Their labels are indices into `classes`, whatever order those of `data` have."""
+    classes: tuple[str, ...]
+    """Those that are trained."""
 
 
-def column(data: Dataset, limit: int | None, preprocessing: Preprocessing) -> Column:
-    """Return a test set in memory, `limit` of its judged pictures at most, drawn at random."""
-    rows = np.flatnonzero((data.label >= 0) & np.isfinite(data.target).all(axis=1))
-    if limit is not None and len(rows) > limit:
-        rows = np.sort(np.random.default_rng(5).permutation(rows)[:limit])
-    part = data.take(rows)
-    return Column(part, prepared([part], preprocessing))
+def judged_sets(
+    parts: Parts, also: Mapping[str, Dataset], limit: int | None = None
+) -> dict[str, Dataset]:
+    """Return what all are tested on: unseen sites, seen sites, and further sets by name.
+
+    Of each, `limit` of its judged pictures at most, drawn at random.
+
+    Raises:
+        DatasetError: a set has other classes than those that are trained, or nothing to judge.
+    """
+    found: dict[str, Dataset] = {}
+    for name, data in {UNSEEN: parts.unseen, SEEN: parts.seen, **also}.items():
+        if set(data.classes) != set(parts.train.classes):
+            raise DatasetError(
+                f"{name}: its classes are {', '.join(data.classes)}, those that are trained "
+                f"{', '.join(parts.train.classes)}: test on a set of the same classes"
+            )
+        rows = np.flatnonzero((data.label >= 0) & np.isfinite(data.target).all(axis=1))
+        if not len(rows):
+            raise DatasetError(
+                f"{name}: it has no picture of a class: label some of its pictures, or leave it out"
+            )
+        if limit is not None and len(rows) > limit:
+            rows = np.sort(np.random.default_rng(5).permutation(rows)[:limit])
+        found[name] = data.take(rows)
+    return found
+
+
+def sizes(sets: Mapping[str, Dataset]) -> list[tuple[str, int, int]]:
+    """Return the name of each set with the numbers of its pictures and sites."""
+    return [(name, len(data), len(np.unique(sites_of(data)[0]))) for name, data in sets.items()]
 
 
 def columns_of(
-    parts: Parts,
-    also: dict[str, Dataset],
-    limit: int | None = None,
-    preprocessing: Preprocessing | None = None,
+    sets: Mapping[str, Dataset], classes: tuple[str, ...], preprocessing: Preprocessing
 ) -> dict[str, Column]:
-    """Return what all are tested on: unseen sites, seen sites, and further sets by name."""
-    sets = {UNSEEN: parts.unseen, SEEN: parts.seen, **also}
+    """Return the test sets in memory, their labels in the order of `classes`."""
     return {
-        name: column(data, limit, preprocessing or Preprocessing()) for name, data in sets.items()
+        name: Column(data, prepared([data], preprocessing, classes), classes)
+        for name, data in sets.items()
     }
 
 
@@ -120,10 +146,20 @@ def compete(
 
 def judged(trained: Trained, tested: Column) -> GroupScore:
     """Return how a contestant does on a column."""
-    data = tested.data
-    site, _ = sites_of(data)
+    site, _ = sites_of(tested.data)
+    pictures = tested.pictures
     return main_figures(
-        Answers(
-            data.classes, trained.answer(tested.pictures.gray), tested.pictures.label, site, site
-        )
+        Answers(tested.classes, trained.answer(pictures.gray), pictures.label, site, site)
     )
+
+
+def unknown_sites(comparison: Comparison) -> list[str]:
+    """Return the paragraph about columns whose sites are unknown, if there are any."""
+    if not comparison.sites_unknown:
+        return []
+    names = ", ".join(comparison.sites_unknown)
+    text = (
+        f"The sites of {names} are unknown (samples.csv may tell them): clips, or else single "
+        "pictures, were counted and drawn instead, and the intervals are too narrow."
+    )
+    return [text, ""]

@@ -6,7 +6,14 @@
 from pathlib import Path
 from textwrap import fill
 
-from juncnet.learning.evaluation.compare import PAPER_FIGURES, SEEN, UNSEEN, Comparison, Entry
+from juncnet.learning.evaluation.compare import (
+    PAPER_FIGURES,
+    SEEN,
+    UNSEEN,
+    Comparison,
+    Entry,
+    unknown_sites,
+)
 from juncnet.learning.evaluation.contestants import NAMES
 from juncnet.learning.evaluation.plots import drawing
 from juncnet.learning.evaluation.report import area
@@ -71,6 +78,7 @@ def markdown(comparison: Comparison, picture: str) -> str:
             "",
             table(["method", *names], areas),
             "",
+            *unknown_sites(comparison),
             f"![Balanced accuracy]({picture})",
             "",
             table(["method", "pictures seen", "weights", "CPU minutes", "how"], recipes),
