@@ -238,8 +238,27 @@ def test_check_reads_shards_and_class_folders_too(
     for label in ("none", "junction"):
         (tmp_path / "folders" / label).mkdir(parents=True)
         cv2.imwrite(str(tmp_path / "folders" / label / "a.png"), picture(3, 64, 48))
-    code, report = check(tmp_path / "folders", capsys, "--sheets", str(tmp_path / "sheets"))
+    code, report = check(tmp_path / "folders", capsys)
     assert (code, report["counts"]) == (0, {"none": {"": 1}, "junction": {"": 1}})
+    assert [Path(sheet).parent for sheet in report["sheets"]] == [tmp_path / "folders-check"] * 2
+    assert open_dataset(tmp_path / "folders").classes == ("none", "junction")
+
+
+def test_check_of_class_folders_names_files_and_makes_no_class(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = tmp_path / "folders"
+    for label in ("none", "junction"):
+        (folders / label / "elm").mkdir(parents=True)
+        cv2.imwrite(str(folders / label / "elm" / "a.jpg"), picture(3, 64, 48))
+    (folders / "none" / "elm" / "a.jpg").write_bytes(b"no picture")
+    code, report = check(folders, capsys)
+    assert (code, report["unreadable"], report["unlisted"]) == (1, ["none/elm/a.jpg"], [])
+    assert dataset.main(["check", str(folders), "--sheets", str(folders / "sheets")]) == 2
+    assert "would be a class" in capsys.readouterr().err
+    (folders / "none").rename(folders / "plain road")
+    assert dataset.main(["check", str(folders)]) == 2
+    assert "plain road: a class is named by letters" in capsys.readouterr().err
 
 
 def test_frames_come_by_index_in_any_order(tmp_path: Path) -> None:

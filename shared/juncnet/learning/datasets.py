@@ -167,7 +167,7 @@ def open_dataset(path: Path | str) -> Dataset:
     if not folder.is_dir():
         raise DatasetError(f"{folder}: no such folder; `juncnet dataset extract` makes one")
     if not (folder / INFO).exists():
-        return _from_class_folders(folder)
+        return _from_rows(folder, *read_class_folders(folder))
     info = read_info(folder)
     if info.shards:
         return _from_shards(folder, info)
@@ -249,8 +249,14 @@ def _from_rows(folder: Path, info: DatasetInfo, rows: list[Row]) -> Dataset:
     )
 
 
-def _from_class_folders(folder: Path) -> Dataset:
-    """Read class folders; a picture in no folder of a site has none, and is a clip of its own."""
+def read_class_folders(folder: Path) -> tuple[DatasetInfo, list[Row]]:
+    """Return what class folders say.
+
+    A picture in no folder of a site has none, and is a clip of its own.
+
+    Raises:
+        DatasetError: there are fewer than two, or a folder's name cannot be a class's.
+    """
     pictures = {p.name: found for p in folder.iterdir() if p.is_dir() and (found := _pictures(p))}
     classes = sorted(pictures, key=lambda name: (name != "none", name))
     if len(classes) < 2:
@@ -265,7 +271,14 @@ def _from_class_folders(folder: Path) -> Dataset:
             site = inside.as_posix() if inside.name else ""
             clip = site or f"{name}/{path.stem}"
             rows.append(Row(path.relative_to(folder).as_posix(), name, clip, site))
-    return _from_rows(folder, DatasetInfo(classes=tuple(classes), made_by="class folders"), rows)
+    try:
+        return DatasetInfo(classes=tuple(classes), made_by="class folders"), rows
+    except ValidationError as error:
+        wrong = classes[int(error.errors()[0]["loc"][1])]
+        raise DatasetError(
+            f"{folder / wrong}: a class is named by letters, digits, '_', '-' and '.': "
+            "rename the folder"
+        ) from error
 
 
 def _pictures(folder: Path) -> list[Path]:

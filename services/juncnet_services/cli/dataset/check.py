@@ -18,7 +18,7 @@ from typing import get_args
 import cv2
 import numpy as np
 
-from juncnet.learning.datasets import DatasetError, DatasetInfo, Row
+from juncnet.learning.datasets import INFO, DatasetError, DatasetInfo, Row
 from juncnet.learning.footage.intervals import SPLITS
 from juncnet.learning.footage.leaks import Leak, group_leaks, near_duplicate_leaks
 from juncnet.learning.footage.likeness import F32, NEAR_DUPLICATE, SIDE, descriptor
@@ -188,7 +188,9 @@ def main(argv: list[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("directory", type=Path, metavar="DIR")
-    parser.add_argument("--sheets", type=Path, metavar="DIR", help="(default: DIR/check)")
+    parser.add_argument(
+        "--sheets", type=Path, metavar="DIR", help="(default: beside it, DIR-check)"
+    )
     parser.add_argument(
         "--near-duplicate",
         type=float,
@@ -198,8 +200,13 @@ def main(argv: list[str]) -> int:
     )
     parser.add_argument("--json", action="store_true", help="the report as one object")
     options = parser.parse_args(argv)
-    sheets = options.sheets or options.directory / "check"
+    folder = options.directory.resolve()
+    sheets: Path = options.sheets or folder.with_name(f"{folder.name}-check")
     try:
+        if not (folder / INFO).exists() and sheets.resolve().is_relative_to(folder):
+            raise DatasetError(
+                f"--sheets {sheets}: sheets among class folders would be a class: name another"
+            )
         report = examine(options.directory, sheets, options.near_duplicate)
     except DatasetError as error:
         print(f"juncnet dataset check: {error}", file=sys.stderr)

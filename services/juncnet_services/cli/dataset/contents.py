@@ -11,11 +11,11 @@ from juncnet.learning.datasets import (
     SPLITS,
     TABLE,
     Dataset,
-    DatasetError,
     DatasetInfo,
     Row,
     Split,
     open_dataset,
+    read_class_folders,
     read_info,
     read_rows,
 )
@@ -34,19 +34,23 @@ class Contents:
             DatasetError: it is no data set, or a line of its table is wrong.
         """
         self.directory = directory
-        self._whole: Dataset | None = None
-        if (directory / INFO).exists() and not read_info(directory).shards:
-            self.info: DatasetInfo = read_info(directory)
+        self._shards: Dataset | None = None
+        self._table = (directory / INFO).exists() and not read_info(directory).shards
+        self.info: DatasetInfo
+        if self._table:
+            self.info = read_info(directory)
             self.rows = read_rows(directory, self.info)
+        elif directory.is_dir() and not (directory / INFO).exists():
+            self.info, self.rows = read_class_folders(directory)
         else:
-            self._whole = open_dataset(directory)
-            self.info = self._whole.info
-            self.rows = [_row(self._whole, index) for index in range(len(self._whole))]
+            self._shards = open_dataset(directory)
+            self.info = self._shards.info
+            self.rows = [_row(self._shards, index) for index in range(len(self._shards))]
 
     @property
     def unlisted(self) -> list[str]:
         """Pictures in the folder that the table does not know."""
-        if self._whole is not None:
+        if not self._table:
             return []
         known = {row.path for row in self.rows} | {INFO, TABLE}
         folders = {path.split("/")[0] for path in known if "/" in path}
@@ -55,18 +59,17 @@ class Contents:
 
     def picture(self, index: int) -> NDArray[np.uint8] | None:
         """Return a picture, (H, W, 3) BGR or (H, W); None: it is missing, or no whole picture."""
-        if self._whole is not None:
-            try:
-                return self._whole.picture(index)
-            except DatasetError:
-                return None
+        if self._shards is not None:
+            return self._shards.picture(index)
         path = self.directory / self.rows[index].path
         try:
             data = np.frombuffer(path.read_bytes(), np.uint8)
         except OSError:
             return None
-        # OpenCV fills up what a JPEG that was cut off lacks, and says nothing.
-        whole = not path.suffix.lower().startswith(".jp") or data[-2:].tobytes() == b"\xff\xd9"
+        # OpenCV fills up what a JPEG that was cut off lacks, and says nothing. Those of class
+        # folders come from anywhere, and may end with what is no picture.
+        ours = self._table and path.suffix.lower().startswith(".jp")
+        whole = not ours or data[-2:].tobytes() == b"\xff\xd9"
         pixels = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) and whole else None
         return None if pixels is None else np.asarray(pixels, np.uint8)
 
