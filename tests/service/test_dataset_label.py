@@ -34,6 +34,14 @@ def serving(video: Path, out: Path) -> Generator[LabelServer]:
         thread.join(5)
 
 
+def test_a_site_pattern_that_is_none_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video = write_video(tmp_path / "a.mp4", 2)
+    assert dataset.main(["label", str(video), "--site-from", "("]) == 2
+    assert "--site-from '(' is no regular expression" in capsys.readouterr().err
+
+
 def ask(
     server: LabelServer,
     path: str,

@@ -85,6 +85,7 @@ def test_an_interval_file_is_read_and_written_back() -> None:
         ("clip,from,to,class\na.mp4,1,2,\n", "line 2.*under class"),
         ("clip,from,to,class\na.mp4,1,2,../x\n", "use letters"),
         ("clip,from,to,class,split\na.mp4,1,2,none,dev\n", "split 'dev'"),
+        ('clip,from,to,class\na.mp4,0,1,none\n"b.mp4,1,2,none\nc,1,2,none\n', "line 3.*closed"),
         ("clip,from,to,class\na,0,5,none\na,4,6,left\n", "none until 5 s and left from 4 s"),
     ],
 )

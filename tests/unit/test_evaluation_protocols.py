@@ -88,6 +88,14 @@ def test_splits_that_the_data_have_are_kept_and_named(tmp_path: Path):
     assert protocol_of(data, "test") == "seen sites"
 
 
+def test_a_part_without_pictures_is_named(tmp_path: Path):
+    data = dataset(tmp_path)
+    split = np.where(data.site.astype(int) < 8, "train", "test").astype(np.str_)
+    object.__setattr__(data, "split", split)
+    with pytest.raises(ValueError, match="in the part validation"):
+        divided(data)
+
+
 def test_too_few_or_unknown_sites_are_refused(tmp_path: Path):
     with pytest.raises(ValueError, match="2 sites cannot be divided"):
         divided(dataset(tmp_path, sites=2))

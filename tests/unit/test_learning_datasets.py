@@ -135,6 +135,17 @@ def test_a_bad_line_is_named(tmp_path: Path, old: str, new: str, said: str) -> N
         open_dataset(tmp_path)
 
 
+def test_a_table_of_another_program_is_read_or_its_line_is_named(tmp_path: Path) -> None:
+    write_dataset(tmp_path, INFO, write_pictures(tmp_path))
+    table = tmp_path / "samples.csv"
+    text = table.read_text().replace("clip1", "caf\u00e9")
+    table.write_bytes(text.encode("utf-8-sig"))
+    assert open_dataset(tmp_path).clip[1] == "caf\u00e9"
+    table.write_bytes(text.encode("latin-1"))
+    with pytest.raises(DatasetError, match=r"samples.csv, line 3: not UTF-8"):
+        open_dataset(tmp_path)
+
+
 def test_a_picture_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     write_dataset(tmp_path, INFO, write_pictures(tmp_path))
     (tmp_path / "none/0.png").write_bytes(b"no picture")

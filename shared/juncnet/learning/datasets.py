@@ -12,6 +12,7 @@ in that a site, `CLASS/picture.jpg` or `CLASS/SITE/picture.jpg`.
 """
 
 import csv
+import io
 import math
 import zipfile
 from collections.abc import Iterable, Sequence
@@ -189,12 +190,17 @@ def read_rows(folder: Path, info: DatasetInfo) -> list[Row]:
     table = folder / TABLE
     if not table.exists():
         raise DatasetError(f"{table} is missing: {INFO} names no shards, so it must be there")
-    with table.open(newline="", encoding="utf-8") as file:
-        reader = csv.DictReader(file)
-        missing = [c for c in COLUMNS if c not in (reader.fieldnames or ())]
-        if missing:
-            raise DatasetError(f"{table}: no column {', '.join(missing)}; it needs {COLUMNS}")
-        return [_row(table, reader.line_num, line, info) for line in reader]
+    data = table.read_bytes()
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        number = data.count(b"\n", 0, error.start) + 1
+        raise DatasetError(f"{table}, line {number}: not UTF-8: save the file as UTF-8") from error
+    reader = csv.DictReader(io.StringIO(text, newline=""))
+    missing = [c for c in COLUMNS if c not in (reader.fieldnames or ())]
+    if missing:
+        raise DatasetError(f"{table}: no column {', '.join(missing)}; it needs {COLUMNS}")
+    return [_row(table, reader.line_num, line, info) for line in reader]
 
 
 def write_dataset(folder: Path, info: DatasetInfo, rows: Iterable[Row]) -> None:

@@ -76,9 +76,17 @@ def divide(dataset: Dataset, seed: int) -> Parts:
 
     Pictures of the part *test* are in neither. Where there are too few sites and clips to hold any
     back, everything is trained on, and judged on the same: `how` says so.
+
+    Raises:
+        DatasetError: all pictures are of the parts validation and test.
     """
     own = dataset.where(dataset.split != "test")
     judged = own.split == "validation"
+    if judged.all():
+        raise DatasetError(
+            f"no picture to train on: all {len(dataset)} are of the parts validation and test; "
+            "leave this dataset out, or extract it with other --shares"
+        )
     if judged.any():
         return Parts(own.where(~judged), own.where(judged), "its own validation part")
     site, known = sites_of(own)
@@ -133,6 +141,8 @@ def train(
     parts = [divide(dataset, order.seed) for dataset in datasets]
     training = prepared([p.training for p in parts], recipe.preprocessing)
     validation = prepared([p.validation for p in parts], recipe.preprocessing)
+    if not len(training) or not (validation.label >= 0).any():
+        raise DatasetError("no picture says what it shows: label some (`juncnet dataset label`)")
     torch.manual_seed(order.seed)
     channels = len(recipe.preprocessing.channels)
     network = build(recipe.architecture, channels, len(classes), recipe.dropout)

@@ -78,10 +78,17 @@ def _find(clip: str, known: dict[str, Path], labels: Path) -> str:
 
 
 def site_of(name: str, pattern: str | None, otherwise: str) -> str:
-    """Return the site that a clip's name tells by the first group of `pattern`."""
+    """Return the site that a clip's name tells by the first group of `pattern`.
+
+    Raises:
+        FootageError: the pattern is no regular expression, or finds nothing.
+    """
     if pattern is None:
         return otherwise
-    match = re.search(pattern, name)
+    try:
+        match = re.search(pattern, name)
+    except re.error as error:
+        raise FootageError(f"--site-from {pattern!r} is no regular expression: {error}") from error
     if match is None or match.lastindex is None:
         raise FootageError(
             f"--site-from {pattern!r} finds no group in {name!r}: try it on the names of all clips"

@@ -52,7 +52,7 @@ def divided(data: Dataset, limit: int | None = None, seed: int = 0) -> Parts:
         seed: of what is drawn.
 
     Raises:
-        ValueError: sites are unknown, or too few.
+        ValueError: sites are unknown or too few, or a part is empty.
     """
     site, known = sites_of(data)
     if not known:
@@ -62,6 +62,12 @@ def divided(data: Dataset, limit: int | None = None, seed: int = 0) -> Parts:
         )
     split = data.split if (data.split == "train").any() else _dealt(data, site, seed)
     judged = data.label >= 0
+    for name in ("validation", "test"):
+        if not (judged & (split == name)).any():
+            raise ValueError(
+                f"no picture of a class is in the part {name}: name sites for it, or leave "
+                "the splits empty, so that sites are dealt out"
+            )
     learnt = np.flatnonzero((split == "train") & np.isfinite(data.target).all(axis=1))
     rng = np.random.default_rng([seed, 3])
     held_back = _held_back(site[learnt], rng)

@@ -68,7 +68,7 @@ def read_intervals(text: str, source: str) -> list[Interval]:
     """
     lines = [(n, line) for n, line in enumerate(text.lstrip("\ufeff").splitlines(), 1)]
     lines = [(n, line) for n, line in lines if line.strip() and not line.lstrip().startswith("#")]
-    rows = list(csv.reader((line for _, line in lines), skipinitialspace=True))
+    rows = [_fields(line, f"{source}, line {number}") for number, line in lines]
     header = [name.strip() for name in rows[0]] if rows else []
     missing = [name for name in COLUMNS if name not in header]
     if missing:
@@ -85,6 +85,13 @@ def read_intervals(text: str, source: str) -> list[Interval]:
             raise FootageError(f"{source}, line {number}: {error}") from error
     _refuse_overlaps(found, source)
     return found
+
+
+def _fields(line: str, where: str) -> list[str]:
+    try:
+        return next(csv.reader([line], skipinitialspace=True, strict=True))
+    except csv.Error as error:
+        raise FootageError(f"{where}: {error}: a quotation mark is not closed, or alone") from error
 
 
 def _interval(values: dict[str, str]) -> Interval:
