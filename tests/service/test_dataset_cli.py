@@ -20,6 +20,7 @@ from juncnet.learning.datasets import (
     open_dataset,
     read_info,
     read_rows,
+    write_dataset,
     write_info,
 )
 from juncnet.learning.footage.drives import junction_drives, labels_of, path_of, poses, road_drives
@@ -123,6 +124,16 @@ def test_an_interval_file_labels_clips_and_splits_by_site(
             ["--labels", "{}/labels.csv", "--height", "0"],
             "16",
         ),
+        (
+            "clip,from,to,class\na.mp4,0,1,none\n",
+            ["--labels", "{}/labels.csv", "--rest", "no class"],
+            "class 'no class': use letters",
+        ),
+        (
+            "clip,from,to,class\na.mp4,0,1,none\n",
+            ["--labels", "{}/labels.csv", "--limit", "0"],
+            "--limit 2 or more",
+        ),
     ],
 )
 def test_wrong_input_is_named(
@@ -139,6 +150,22 @@ def test_wrong_input_is_named(
     assert dataset.main(["extract", *filled, "--out", str(tmp_path / "set")]) == 2
     assert says in capsys.readouterr().err
     assert not (tmp_path / "set").exists() or not any((tmp_path / "set").iterdir())
+
+
+def test_class_folders_are_checked_before_anything_is_decoded(
+    footage: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    extract = ["extract", str(footage), "--out", str(tmp_path / "set")]
+    (footage / "junction").rename(footage / "plain junction")
+    assert dataset.main(extract) == 2
+    said = capsys.readouterr()
+    assert "class 'plain junction': use letters" in said.err
+    (footage / "plain junction").rename(footage / "junction")
+    (footage / "none").rename(footage / "road")
+    assert dataset.main(extract) == 2
+    said = capsys.readouterr()
+    assert "no class is called `none`" in said.err
+    assert "frames" not in said.out
 
 
 def test_commands_and_their_absence(capsys: pytest.CaptureFixture[str]) -> None:
@@ -213,6 +240,13 @@ def test_check_names_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture
     assert any("no picture of 'junction' in test" in problem for problem in report["problems"])
     assert dataset.main(["check", str(tmp_path / "v")]) == 2
     assert "no dataset.json" in capsys.readouterr().err
+
+
+def test_an_empty_table_is_not_sound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_dataset(tmp_path, DatasetInfo(classes=("none", "junction")), [])
+    code, report = check(tmp_path, capsys)
+    assert (code, report["sound"]) == (1, False)
+    assert "there are no pictures" in report["problems"][0]
 
 
 def test_check_reads_shards_and_class_folders_too(

@@ -135,6 +135,7 @@ def test_a_curve_of_nothing_watched_is_refused(
         (["d", "--from", "gone.onnx"], "gone.onnx"),
         (["d", "--repeat-wrong", "3"], "--from MODEL"),
         (["d", "--augmentation", "3"], "augmentation"),
+        (["d", "--out", "my model.onnx"], "another name with --name"),
     ],
 )
 def test_bad_arguments_end_with_2(

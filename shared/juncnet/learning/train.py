@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from pydantic import TypeAdapter, ValidationError
 
 from juncnet.camera import FAR_HEIGHTS, NEAR_ROW
 from juncnet.features import Extractor
@@ -22,11 +23,13 @@ from juncnet.learning.footage.splits import deal_groups
 from juncnet.learning.pictures import prepared
 from juncnet.learning.recipes import FINE_TUNING_RATE, Recipe
 from juncnet.learning.weights import WeightsError, start_from
+from juncnet.messages import Name
 from juncnet.modelfile import ModelFileError, ModelMetadata
 from juncnet.network import Architecture, build
 
 HELD_OUT = 0.15
 """Share of the sites that is judged and not trained on, where a dataset has no validation part."""
+_NAME: TypeAdapter[str] = TypeAdapter(Name)
 Progress = Callable[[int, int, list[Point]], None]
 
 
@@ -64,6 +67,20 @@ class Order:
     """A model file to go on from."""
     int8: bool = False
     """Whether the file's large weights are stored as int8."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no model may be called, before anything is done.
+
+        Raises:
+            ValueError: the name cannot stand in a model file.
+        """
+        try:
+            _NAME.validate_python(self.name)
+        except ValidationError as error:
+            raise ValueError(
+                f"a model cannot be called {self.name!r}: give it another name with --name, of "
+                "letters, digits, '_', '-' and '.'"
+            ) from error
 
     @property
     def checkpoint(self) -> Path:

@@ -107,6 +107,8 @@ def _descriptors(contents: Contents) -> tuple[F32, set[int]]:
 
 def _problems(info: DatasetInfo, samples: Sequence[Row]) -> list[str]:
     found: list[str] = []
+    if not samples:
+        found.append("there are no pictures: label more, or extract with a larger --limit")
     if info.classes[0] != "none":
         found.append(f"the first class is {info.classes[0]!r}: `none` (plain road) must be it")
     twice = [path for path, n in Counter(s.path for s in samples).items() if n > 1]

@@ -4,7 +4,12 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from juncnet.learning.footage.intervals import FootageError, Interval, read_intervals
+from juncnet.learning.footage.intervals import (
+    FootageError,
+    Interval,
+    check_name,
+    read_intervals,
+)
 from juncnet_services.cli.dataset.videos import clip_names, videos_in
 
 
@@ -24,7 +29,7 @@ def clips_by_folders(root: Path, site_pattern: str | None) -> list[Clip]:
     """Return the clips of a folder of class folders.
 
     Raises:
-        FootageError: a video is in no class folder.
+        FootageError: a video is in no class folder, or in one that no class may be called.
     """
     clips: list[Clip] = []
     for name, path in clip_names(videos_in(root), root).items():
@@ -34,6 +39,7 @@ def clips_by_folders(root: Path, site_pattern: str | None) -> list[Clip]:
                 f"{path} is in no class folder: move it to {root}/none/ or {root}/junction/, "
                 "or say what it shows with --labels (`juncnet dataset label` writes the file)"
             )
+        check_name(parts[0])
         site = parts[-2] if len(parts) > 2 else path.stem
         clips.append(Clip(name, path, site_of(name, site_pattern, site), parts[0]))
     return clips
@@ -45,8 +51,10 @@ def clips_by_intervals(
     """Return the clips that an interval file names; videos are looked for below `root`.
 
     Raises:
-        FootageError: the file is wrong, or names a video that is not there.
+        FootageError: the file is wrong, or names a video that is not there; or `rest` is no class.
     """
+    if rest is not None:
+        check_name(rest)
     try:
         text = labels.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

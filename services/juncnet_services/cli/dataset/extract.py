@@ -9,7 +9,7 @@ import argparse
 import re
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,6 +59,7 @@ class Extraction:
         Raises:
             FootageError: as `add` and `finish`.
         """
+        _classes(label for clip in clips for label in _labels(clip))
         try:
             for number, clip in enumerate(clips, 1):
                 print(f"{number}/{len(clips)} {clip.name}: {self.add(clip)} frames", flush=True)
@@ -101,7 +102,7 @@ class Extraction:
         Raises:
             FootageError: too little is labelled, or the splits cannot be filled.
         """
-        classes = _classes(self.writer.rows)
+        classes = _classes(row.label for row in self.writer.rows)
         self._keep(within(self.writer.rows, rules, limit))
         splits = sides(self.writer.rows, rules)
         twins = set[int]()
@@ -123,8 +124,14 @@ class Extraction:
         self._descriptors = [self._descriptors[i] for i in indices]
 
 
-def _classes(rows: Sequence[Row]) -> tuple[str, ...]:
-    labels = {row.label for row in rows}
+def _labels(clip: Clip) -> list[str]:
+    """Return the classes that a clip is said to show."""
+    rest = [] if clip.label is None else [clip.label]
+    return [*rest, *(interval.label for interval in clip.intervals)]
+
+
+def _classes(found: Iterable[str]) -> tuple[str, ...]:
+    labels = set(found)
     if len(labels) < 2:
         raise FootageError(
             f"only {', '.join(labels) or 'nothing'} was found: a data set needs two classes, "
@@ -155,7 +162,8 @@ def main(argv: list[str]) -> int:
         else:
             raise FootageError("name a folder of class folders, or an interval file with --labels")
         sampling = Sampling(options.every, options.near_duplicate, options.height)
-        if sampling.every_s < 0 or sampling.height < 16 or (options.limit or 2) < 2:
+        few = options.limit is not None and options.limit < 2
+        if sampling.every_s < 0 or sampling.height < 16 or few:
             raise FootageError(
                 "--every must not be negative, --height 16 or more, --limit 2 or more"
             )

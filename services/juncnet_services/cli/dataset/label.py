@@ -15,7 +15,7 @@ import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
 
-from juncnet.learning.footage.intervals import NAME, FootageError
+from juncnet.learning.footage.intervals import FootageError, check_name
 from juncnet_services.cli.dataset.clips import site_of
 from juncnet_services.cli.dataset.label_server import LabelServer
 from juncnet_services.cli.dataset.labelling import Labelling
@@ -38,9 +38,8 @@ def session_of(
             f"--classes {classes!r}: name two to {MOST_CLASSES} different ones, "
             "one of them `none` (plain road)"
         )
-    wrong = [name for name in names if not NAME.fullmatch(name)]
-    if wrong:
-        raise FootageError(f"class {wrong[0]!r}: use letters, digits, '_', '-' and '.'")
+    for name in names:
+        check_name(name)
     files = [file for p in paths for file in (videos_in(p) if p.is_dir() else [p])]
     clips = clip_names(files, out.parent)
     sites = {

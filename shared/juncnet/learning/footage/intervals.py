@@ -41,6 +41,16 @@ class Interval:
     """The side it is meant for; empty: drawn."""
 
 
+def check_name(label: str) -> None:
+    """Refuse what no class may be called.
+
+    Raises:
+        FootageError: `label` does not match `NAME`.
+    """
+    if not NAME.fullmatch(label):
+        raise FootageError(f"class {label!r}: use letters, digits, '_', '-' and '.'")
+
+
 def parse_time(text: str) -> float:
     """Return the seconds of `12.5`, `1:02.5` or `1:00:02.5`.
 
@@ -98,8 +108,7 @@ def _interval(values: dict[str, str]) -> Interval:
     missing = [name for name in COLUMNS if not values.get(name)]
     if missing:
         raise ValueError(f"nothing stands under {', '.join(missing)}")
-    if not NAME.fullmatch(values["class"]):
-        raise ValueError(f"class {values['class']!r}: use letters, digits, '_', '-' and '.'")
+    check_name(values["class"])
     try:
         start_s, end_s = parse_time(values["from"]), parse_time(values["to"])
     except ValueError as error:
