@@ -75,6 +75,25 @@ def test_an_interval_file_is_read_and_written_back() -> None:
     assert classes_of(i.label for i in found) == ("none", "left")
 
 
+def test_a_clip_that_looks_like_a_comment_is_none() -> None:
+    found = [Interval("#1.mp4", 0, 5, "none"), Interval("b.mp4", 0, 5, "left")]
+    assert read_intervals(write_intervals(found), "again") == found
+
+
+@pytest.mark.parametrize("fps", [24, 30, 30000 / 1001, 59.94])
+def test_a_marked_frame_is_of_its_own_class_after_rounding(fps: float) -> None:
+    times_s = [index / fps for index in range(200)]
+    for at in range(1, 199):
+        said = [
+            Interval("a", 0, times_s[at], "none"),
+            Interval("a", times_s[at], times_s[-1], "left"),
+        ]
+        read = read_intervals(write_intervals(said), "again")
+        labels = [i.label if (i := interval_at(read, times_s[k])) else "" for k in (at - 1, at)]
+        assert labels == ["none", "left"]
+        assert interval_at(read, times_s[-1]) is None
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -87,6 +106,10 @@ def test_an_interval_file_is_read_and_written_back() -> None:
         ("clip,from,to,class,split\na.mp4,1,2,none,dev\n", "split 'dev'"),
         ('clip,from,to,class\na.mp4,0,1,none\n"b.mp4,1,2,none\nc,1,2,none\n', "line 3.*closed"),
         ("clip,from,to,class\na,0,5,none\na,4,6,left\n", "none until 5 s and left from 4 s"),
+        (
+            "clip,from,to,class\na,0,100,none\na,5,10,none\na,20,30,left\n",
+            "none until 100 s and left from 20 s",
+        ),
     ],
 )
 def test_a_wrong_interval_file_says_where(text: str, says: str) -> None:

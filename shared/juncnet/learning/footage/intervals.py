@@ -2,7 +2,8 @@
 
 The file is CSV with the columns `clip, from, to, class` and, where wanted, `site` and `split`.
 Times are seconds (`12.5`) or `minutes:seconds` (`1:02.5`); an interval holds its beginning and not
-its end. Empty lines and lines that begin with `#` say nothing.
+its end. Empty lines and lines that begin with `#` say nothing: a clip whose name begins so stands
+in quotation marks. Times are to the millisecond: a frame may be `ROUNDING_S` before its own.
 """
 
 import csv
@@ -20,6 +21,9 @@ OPTIONAL = ("site", "split")
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """What a class may be called: it names folders, and travels in messages."""
+
+ROUNDING_S = 0.00051
+"""So far from its frame a time may be that is written to the millisecond."""
 
 
 class FootageError(ValueError):
@@ -126,31 +130,41 @@ def _interval(values: dict[str, str]) -> Interval:
 
 
 def _refuse_overlaps(intervals: Sequence[Interval], source: str) -> None:
-    last: dict[str, Interval] = {}
+    longest: dict[str, Interval] = {}
     for interval in sorted(intervals, key=lambda i: (i.clip, i.start_s)):
-        before = last.get(interval.clip)
+        before = longest.get(interval.clip)
         if before and interval.start_s < before.end_s and interval.label != before.label:
             raise FootageError(
                 f"{source}: {interval.clip} is {before.label} until {before.end_s:g} s and "
                 f"{interval.label} from {interval.start_s:g} s: let one end where the other begins"
             )
-        last[interval.clip] = interval
+        if before is None or interval.end_s > before.end_s:
+            longest[interval.clip] = interval
 
 
 def write_intervals(intervals: Iterable[Interval]) -> str:
-    """Return the text of an interval file; times to the millisecond."""
+    """Return the text of an interval file; times to the millisecond.
+
+    Clips whose names begin with `#` stand in quotation marks, so that they are no comments.
+    """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
+    quoting = csv.writer(out, lineterminator="\n", quoting=csv.QUOTE_ALL)
     writer.writerow((*COLUMNS, *OPTIONAL))
     for i in intervals:
         times = (f"{i.start_s:.3f}", f"{i.end_s:.3f}")
-        writer.writerow((i.clip, *times, i.label, i.site, i.split))
+        chosen = quoting if i.clip.startswith("#") else writer
+        chosen.writerow((i.clip, *times, i.label, i.site, i.split))
     return out.getvalue()
 
 
 def interval_at(intervals: Iterable[Interval], time_s: float) -> Interval | None:
-    """Return the interval that holds a time of its clip; None: nobody has said what it shows."""
-    return next((i for i in intervals if i.start_s <= time_s < i.end_s), None)
+    """Return the interval that holds a frame's time; None: nobody has said what it shows.
+
+    A frame that is within rounding before a beginning is the one that was marked there.
+    """
+    at_s = time_s + ROUNDING_S
+    return next((i for i in intervals if i.start_s <= at_s < i.end_s), None)
 
 
 def classes_of(labels: Iterable[str]) -> tuple[str, ...]:
