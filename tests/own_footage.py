@@ -101,6 +101,7 @@ def name_places(work: Path) -> None:
 def judged(work: Path, model: str, data: str, what: str) -> Judged:
     """Return what `juncnet evaluate` says."""
     command = f"evaluate {model}.onnx {data} --pictures none --out {model}-{data}.json --json"
+    command += " --sites unseen" if data == "elsewhere-set" else ""
     said: dict[str, Any] = json.loads(run(work, command))
     return Judged.model_validate({**said, "what": what, "command": f"juncnet {command}"})
 

@@ -86,6 +86,8 @@ def test_splits_that_the_data_have_are_kept_and_named(tmp_path: Path):
     assert protocol_of(data, "all") == "no split"
     split[data.site == "8"] = np.tile(["train", "test"], EACH // 2)
     assert protocol_of(data, "test") == "seen sites"
+    split[split == "train"] = "test"
+    assert protocol_of(data, "test") == "no split"
 
 
 def test_a_part_without_pictures_is_named(tmp_path: Path):

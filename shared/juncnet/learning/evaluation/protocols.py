@@ -20,8 +20,11 @@ SEEN_SHARE = 0.2
 
 
 def protocol_of(data: Dataset, split: str) -> Protocol:
-    """Return how the pictures of a split stand to those of the split `train`."""
-    if split == "all":
+    """Return how the pictures of a split stand to those of the split `train`.
+
+    Without one the dataset cannot tell: what the model was trained on is elsewhere.
+    """
+    if split == "all" or not (data.split == "train").any():
         return "no split"
     site, known = sites_of(data)
     if not known:
