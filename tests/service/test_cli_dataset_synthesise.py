@@ -66,6 +66,7 @@ def test_ranges_and_kinds_reach_the_pictures(tmp_path: Path) -> None:
         (["--fov-deg", "wide"], "--fov-deg wide: give LOW,HIGH"),
         (["--palette", "purple"], "purple"),
         (["--noise", "-3"], "noise"),
+        (["--pictures", "6001", "--per-world", "5", "--streets", "0"], "give 6 or more"),
     ],
 )
 def test_bad_arguments_end_with_2(

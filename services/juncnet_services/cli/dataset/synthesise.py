@@ -8,6 +8,7 @@ which stand in its `options.json`.
 
 import argparse
 import json
+import math
 import multiprocessing
 import shlex
 import sys
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 PER_SHARD = 6_000
 PER_WORLD = 600
 PER_STREET_SITE = 300
+SEEDS = 1000
+"""Between the first worlds of two shards: no more worlds than that fit into one."""
 OPTIONS = "options.json"
 RANGES = ("height_m", "pitch_deg", "fov_deg", "sun_elevation_deg", "shadow", "haze")
 NUMBERS = (
@@ -124,7 +127,13 @@ def shards_of(options: argparse.Namespace) -> Iterator[Shard]:
         n = min(left, PER_SHARD)
         streets = 0 if options.driven else round(n * options.streets)
         path = options.folder / f"{number:04d}.npz"
-        seed = options.seed + number * 1000
+        if options.pictures > PER_SHARD and math.ceil((n - streets) / options.per_world) > SEEDS:
+            least = math.ceil((n - streets) / SEEDS)
+            raise ValueError(
+                f"--per-world {options.per_world}: shards would have the same worlds; give "
+                f"{least} or more, or several folders with seeds of their own"
+            )
+        seed = options.seed + number * SEEDS
         yield Shard(path, seed, n - streets, streets, options.per_world, variety, options.palette)
         left, number = left - n, number + 1
 
