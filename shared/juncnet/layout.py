@@ -20,7 +20,7 @@ from typing import Any, Literal, Self, TypeVar, cast
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from juncnet.links import is_loopback
+from juncnet.links import ROUTER, is_loopback
 from juncnet.messages import Name
 
 C = TypeVar("C", bound=BaseModel)
@@ -128,7 +128,8 @@ class Layout(BaseModel):
         Raises:
             LayoutError: they do not fit `config`.
         """
-        offered = self.links.model_dump(exclude_unset=True) | self.shared
+        links = self.links.model_dump(exclude_unset=True) if service == ROUTER else {}
+        offered = links | self.shared
         shared = {k: v for k, v in offered.items() if k in config.model_fields}
         own = self.sections.get(service, {})
         return _validated(self.path, service, config, _merged(shared, own))

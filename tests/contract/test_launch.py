@@ -55,6 +55,12 @@ def test_what_is_wrong_is_named(path: Path, setting: str, text: str) -> None:
         load_layout(path, [setting])
 
 
+def test_links_are_options_of_the_router_and_of_no_other_process() -> None:
+    settings = ["links.vehicle=127.0.0.1:7447", "links.video=127.0.0.1:7448"]
+    layout = load_layout(asset("layouts/laptop.toml"), settings)
+    layout.beside("recorder").validate_all()
+
+
 def test_a_section_is_validated_by_its_service(path: Path) -> None:
     layout = load_layout(path, ["router.prot=1", "router.port='x'"])
     with pytest.raises(LayoutError) as raised:

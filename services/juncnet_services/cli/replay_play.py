@@ -14,7 +14,7 @@ from juncnet.assets import asset_path
 from juncnet.flight import new_flight
 from juncnet.frames import Frame
 from juncnet.launch import connect
-from juncnet.layout import SAVED, Layout, load_layout
+from juncnet.layout import SAVED, Layout, LinksOptions, load_layout
 from juncnet.links import ROUTER, member
 from juncnet.messages import JunctionEvent, NavigationState
 from juncnet.recording.reader import Recorded, Recording, RecordingError
@@ -125,10 +125,14 @@ def recorded_layout(recording: Recording, folder: Path, settings: Sequence[str])
 
 
 def _only(layout: Layout, processes: Sequence[str]) -> Layout:
-    """Return the layout of those of its processes that are named."""
+    """Return the layout of those of its processes that are named, linked with no other host.
+
+    What is replayed must reach no vehicle.
+    """
     kept = tuple(name for name in layout.processes if name in processes)
     sections = {name: table for name, table in layout.sections.items() if name in kept}
-    return layout.model_copy(update={"processes": kept, "sections": sections})
+    alone = {"processes": kept, "sections": sections, "links": LinksOptions()}
+    return layout.model_copy(update=alone)
 
 
 def fly(
