@@ -34,9 +34,9 @@ from juncnet.topics import CAMERA_VIDEO, ROOT
 from juncnet_services.cli import dataset
 from juncnet_services.cli.dataset.film import write_video as write_i420
 from juncnet_services.cli.dataset.frames import FrameStore
-from juncnet_services.cli.dataset.videos import Video, videos_in
+from juncnet_services.cli.dataset.videos import Video, videos_in, whole_frame
 from juncnet_services.recorder.video import Encoder
-from videos import add_h264, encode, mux, picture, write_video
+from videos import add_h264, band_of, bands, encode, mux, picture, write_video
 
 
 def rows_of(directory: Path) -> list[Row]:
@@ -317,17 +317,48 @@ def test_raw_h264_without_times_counts_its_frames(tmp_path: Path) -> None:
     assert [index for index, _ in video.frames(5)] == list(range(5, 12))
 
 
-def test_a_recording_is_footage_with_its_own_times(tmp_path: Path) -> None:
-    encoder, frames = Encoder(23, 10), [picture(index, 320, 240) for index in range(8)]
+def test_pictures_that_are_shown_in_another_order_count_as_shown(tmp_path: Path) -> None:
+    path = tmp_path / "b.h264"
+    with av.open(str(path), "w") as container:
+        stream = add_h264(container, 320, 240)
+        stream.options = {"preset": "medium", "x264-params": "threads=1:bframes=2:b-adapt=0"}
+        for packet in encode(stream, bands(30, 320, 240)):
+            mux(container, packet)
+    found = list(Video(path).frames())
+    assert [index for index, _ in found] == list(range(30))
+    assert [band_of(whole_frame(frame).luminance()) for _, frame in found] == [
+        index % 15 for index in range(30)
+    ]
+
+
+def record(path: Path, count: int, lost: int | None = None) -> Path:
+    """Write a recording of ten pictures a second without the video packet `lost`."""
+    encoder, frames = Encoder(23, 10), [picture(index, 320, 240) for index in range(count)]
     layout = FrameLayout.packed(PixelFormat.BGR8, 320, 240)
-    writer = RecordingWriter(tmp_path / "f-000.mcap")
+    writer = RecordingWriter(path)
     writer.metadata(FLIGHT_METADATA, {"flight": "f", "robot": "r"})
     for index, pixels in enumerate(frames):
         header = Stamp(epoch=1, sequence=index, time_ns=10**9 + index * 10**8, clock="c")
         packet = encoder.encode(Frame(header, layout, pixels.reshape(-1)))
-        writer.message(f"{ROOT}/r/{CAMERA_VIDEO.key}", packet, header.time_ns, header.time_ns)
+        if index != lost:
+            writer.message(f"{ROOT}/r/{CAMERA_VIDEO.key}", packet, header.time_ns, header.time_ns)
     writer.close()
-    video = Video(tmp_path / "f-000.mcap")
+    return path
+
+
+def test_frames_behind_a_lost_picture_keep_their_times(tmp_path: Path) -> None:
+    video = Video(record(tmp_path / "f-000.mcap", 30, lost=13))
+    found = [
+        (round(10 * video.times_s[index]), band_of(whole_frame(frame).luminance()))
+        for index, frame in video.frames()
+    ]
+    assert 20 in [tenth for tenth, _ in found], "it goes on at a key frame"
+    assert 14 not in [tenth for tenth, _ in found], "what has lost its reference is left out"
+    assert all(band == tenth % 15 for tenth, band in found)
+
+
+def test_a_recording_is_footage_with_its_own_times(tmp_path: Path) -> None:
+    video = Video(record(tmp_path / "f-000.mcap", 8))
     assert video.times_s == pytest.approx([index / 10 for index in range(8)])
     assert [index for index, _ in video.frames(3)] == [3, 4, 5, 6, 7]
     (tmp_path / "f-001.mcap").write_bytes(b"")

@@ -2,6 +2,7 @@
 
 import shutil
 import weakref
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import mkdtemp
@@ -78,14 +79,44 @@ class Video:
             if self._index and first > 0:
                 stamp = next(s for s, index in self._index.items() if index == first)
                 container.seek(stamp, stream=stream)
-            decoder = Decoder(stream, self.counts, low_delay=False)
-            count = -1
+            decoder, counted = Decoder(stream, self.counts, low_delay=False), _Counted()
             for packet in _packets(container, stream):
+                if not self._index:
+                    counted.number(packet)
                 for frame, _ in decoder.feed(packet, 0):
-                    count += 1
-                    index = self._index.get(frame.pts or 0, -1) if self._index else count
+                    index = (
+                        self._index.get(frame.pts or 0, -1) if self._index else counted.at(frame)
+                    )
                     if index >= first:
                         yield index, frame
+
+
+class _Counted:
+    """The indices of the pictures of a stream that has no times, some of which are left out.
+
+    Packets come in the order of decoding, pictures in that of showing: between two key frames both
+    are the same pictures, so these are counted from the key frame on.
+    """
+
+    def __init__(self) -> None:
+        self._packets = 0
+        self._keys: list[int] = []
+        self._key, self._since = -1, 0
+
+    def number(self, packet: "Packet[Any]") -> None:
+        """Let a packet carry its number, whether it will be decoded or not."""
+        if packet.size:
+            packet.pts = self._packets
+            if packet.is_keyframe:
+                self._keys.append(self._packets)
+            self._packets += 1
+
+    def at(self, frame: VideoFrame) -> int:
+        """Return the index of a decoded picture; each is asked for once, in order."""
+        key = self._keys[bisect_right(self._keys, frame.pts or 0) - 1]
+        self._since = self._since + 1 if key == self._key else 0
+        self._key = key
+        return key + self._since
 
 
 def whole_frame(decoded: VideoFrame) -> Frame:
