@@ -58,6 +58,13 @@ def test_ranges_and_kinds_reach_the_pictures(tmp_path: Path) -> None:
     assert len({s.seed for s in several}) == len({s.path for s in several}) == len(several)
 
 
+def test_no_two_shards_have_the_same_world(tmp_path: Path) -> None:
+    words = [str(tmp_path), "--pictures", "6001", "--streets", "0", "--per-world"]
+    assert len(list(command.shards_of(command.arguments([*words, "6"])))) == 2
+    with pytest.raises(ValueError, match="give 6 or more"):
+        list(command.shards_of(command.arguments([*words, "5"])))
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -66,7 +73,6 @@ def test_ranges_and_kinds_reach_the_pictures(tmp_path: Path) -> None:
         (["--fov-deg", "wide"], "--fov-deg wide: give LOW,HIGH"),
         (["--palette", "purple"], "purple"),
         (["--noise", "-3"], "noise"),
-        (["--pictures", "6001", "--per-world", "5", "--streets", "0"], "give 6 or more"),
     ],
 )
 def test_bad_arguments_end_with_2(
