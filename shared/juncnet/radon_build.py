@@ -1,82 +1,79 @@
 """Building the matrix of a reconstruction map, angle by angle."""
 
-from itertools import accumulate
 from math import sqrt
 
 import numpy as np
 
 from juncnet import radon
 from juncnet.radon import Floats
-from juncnet.radon_geometry import (
-    Geometry,
-    Indices,
-    Symmetry,
-    block_rows,
-    part_indices,
-    reconstructed,
-)
-from juncnet.radon_operator import Blocks, Correction, Matrix, coordinates
+from juncnet.radon_coordinates import F32, Coordinates
+from juncnet.radon_geometry import Geometry, Indices, Symmetry
+from juncnet.radon_operator import Correction, Matrix
 
 NEGLIGIBLE = 1e-7
 """What no picture in [0, 1] could show: the rounding of sines, cosines and sums."""
-PARTS = ("ee", "eo", "oe", "oo")
-"""A picture's parts, even or odd under the mirrors of rows and of columns, as they are folded."""
+LOW_RANK_ERROR = 1e-5
+"""By how much a product of low rank may differ in what it adds to a pixel."""
+PARTS = 4
+"""Even or odd under the mirrors of rows and of columns: each a quarter of the coordinates."""
 
 
 def build(geometry: Geometry) -> Matrix:
     """Return the map's matrix, float32, within seconds for 64x64 pictures and 180 angles."""
-    blocks = _build_blocks(geometry)
+    coordinates = Coordinates(geometry)
+    blocks = _build_blocks(geometry, coordinates)
     if geometry.lattice == geometry.offsets:
         return Matrix(blocks)
-    return Matrix(blocks, _rim_corrections(geometry), _cut_correction(geometry))
+    return Matrix(blocks, _rim_corrections(geometry, coordinates), _cut_correction(geometry))
 
 
-def _build_blocks(geometry: Geometry) -> Blocks:
+def _build_blocks(geometry: Geometry, coordinates: Coordinates) -> dict[str, F32]:
     """Return the map's matrix by blocks, float32, rows out and columns in.
 
     They are those of the symmetric lattice. Summed over the angles; of two angles that mirror each
     other one is enough, counted twice.
     """
-    symmetry = geometry.symmetry
-    rows = block_rows(geometry)
-    even, _ = _lattice_weights(geometry)
-    blocks: Blocks = {}
+    even, _ = _edge_weights(geometry)
+    lattice = np.outer(even, even)
+    blocks = {name: np.zeros(block.shape, np.float32) for name, block in coordinates.blocks.items()}
     for angle, count in _distinct_angles(geometry):
-        into, out = _both_ways(geometry, angle, even, symmetry)
-        for name, part in into.items():
-            block = np.matmul(
-                out[name][:, rows[name]].T, part * np.float32(count), dtype=np.float32
-            )
-            blocks[name] = blocks[name] + block if name in blocks else block
+        into, out = _both_ways(geometry, coordinates, angle, lattice)
+        for name, block in coordinates.blocks.items():
+            rows = out[:, block.outputs[0]] * np.float32(count)
+            blocks[name] += rows.T @ into[:, block.inputs[0]]
     return blocks
 
 
 def _both_ways(
-    geometry: Geometry, angle: float, lattice: Floats, symmetry: Symmetry
-) -> tuple[Blocks, Blocks]:
-    """Return one angle's part of the map, (R', n) for each part of the picture: filtered projection
-    and back-projection."""
+    geometry: Geometry, coordinates: Coordinates, angle: float, lattice: Floats
+) -> tuple[F32, F32]:
+    """Return one angle's part of the map as the product of two: from a picture's coordinates to a
+    projection, (R', G * n), R' the offsets that `lattice` has, and from there, filtered, to the
+    reconstruction's, (R', G * m), transposed."""
     filtering, size = _filter(geometry), geometry.domain
-    forward = _forward_matrix(angle, lattice, size)
-    filtered = (filtering @ forward.reshape(len(lattice), -1)).reshape(-1, size, size)
+    offsets = np.flatnonzero(lattice.any(axis=0))
+    forward = _forward_matrix(angle, lattice, size)[offsets]
     backward = _backward_matrix(angle, len(filtering), size, geometry.circle)
     backward *= np.pi / (2 * len(geometry.angles_deg))
-    return (
-        coordinates(filtered.astype(np.float32), symmetry, centre=0.5),
-        coordinates(backward.astype(np.float32), symmetry, centre=1.0),
+    filtered = filtering[:, offsets].T @ backward.reshape(len(backward), -1)
+    into, out = (
+        coordinates.of_rows(rows.reshape(-1, size, size)) / coordinates.norms[:, None]
+        for rows in (forward, filtered)
     )
+    into *= coordinates.weights * coordinates.counts
+    out = out[:, :, coordinates.kept]
+    return into.reshape(len(into), -1), out.reshape(len(out), -1)
 
 
-def _lattice_weights(geometry: Geometry) -> tuple[Floats, Floats]:
-    """Return how much each point (y, rho) of the lattice counts: the part that is even under both
-    its mirrors, and the rest. Their sum is one, but zero on the last row and column where the
-    lattice has been given an opposite of its first ones."""
+def _edge_weights(geometry: Geometry) -> tuple[Floats, Floats]:
+    """Return how much each line of the lattice counts, along y and along rho: the part that is even
+    under the mirror, and the odd one. Their sum is one, but zero on the last line where the lattice
+    has been given an opposite of its first one."""
     even, odd = np.ones(geometry.lattice), np.zeros(geometry.lattice)
     if geometry.lattice != geometry.offsets:
         even[[0, -1]] = 0.5
         odd[[0, -1]] = 0.5, -0.5
-    symmetric = np.outer(even, even)
-    return symmetric, np.outer(even + odd, even + odd) - symmetric
+    return even, odd
 
 
 def _filter(geometry: Geometry) -> Floats:
@@ -100,32 +97,58 @@ def _cut_off(geometry: Geometry) -> Indices:
     return np.flatnonzero(missed)
 
 
-def _rim_corrections(geometry: Geometry) -> tuple[Correction, ...]:
-    """Return what the rest of the lattice adds: to each part of the picture, from the others.
+def _rim_corrections(geometry: Geometry, coordinates: Coordinates) -> tuple[Correction, ...]:
+    """Return what the true lattice's edges add: to each part of the reconstruction, from the other
+    parts of the picture.
 
-    The rest lies on the lattice's edges, so its sources are pixels at the rim.
+    Their sources are pixels at the rim. What the first offset of each angle adds has few degrees of
+    freedom, and is kept as a product.
     """
-    _, rest = _lattice_weights(geometry)
-    distance = radon.distance_from_axis(geometry.domain)
-    rim = part_indices(distance > geometry.offsets // 2 - sqrt(2.0))
-    rows = part_indices(reconstructed(geometry))
-    total: Blocks = {}
-    for angle in geometry.angles_deg:
-        into, out = _both_ways(geometry, angle, rest, Symmetry.MIRRORS)
-        for part in PARTS:
-            others = np.hstack([into[other][:, rim[other]] for other in PARTS if other != part])
-            added = out[part][:, rows[part]].T @ others
-            total[part] = total[part] + added if part in total else added
-    sizes = [len(indices) for indices in part_indices(np.ones_like(distance, bool)).values()]
-    start: dict[str, int] = dict(zip(PARTS, accumulate(sizes, initial=0), strict=False))
+    even, odd = _edge_weights(geometry)
+    ends_of_lines, first_offset = np.outer(odd, even + odd), np.outer(even, odd)
+    distance = radon.distance_from_axis(geometry.domain).ravel()[coordinates.images[0]]
+    at_rim = coordinates.counts & (distance > geometry.offsets // 2 - sqrt(2.0))
+    sources = np.flatnonzero(at_rim)
+    from_part = sources // (at_rim.size // PARTS)
+    pairs = [
+        (targets, sources[from_part != part])
+        for part, targets in enumerate(_outputs_by_part(coordinates))
+    ]
     corrections: list[Correction] = []
-    for part, matrix in total.items():
-        sources = np.hstack([start[other] + rim[other] for other in PARTS if other != part])
-        reached = np.abs(matrix).max(axis=0, initial=0.0) > NEGLIGIBLE
-        corrections.append(
-            Correction(start[part] + rows[part], sources[reached], matrix[:, reached])
-        )
+    for lattice in (ends_of_lines, first_offset):
+        matrices = [np.zeros((len(rows), len(columns)), np.float32) for rows, columns in pairs]
+        for angle in geometry.angles_deg:
+            into, out = _both_ways(geometry, coordinates, angle, lattice)
+            for matrix, (targets, others) in zip(matrices, pairs, strict=True):
+                matrix += out[:, targets].T @ into[:, others]
+        for matrix, (targets, others) in zip(matrices, pairs, strict=True):
+            reached = np.abs(matrix).max(axis=0, initial=0.0) > NEGLIGIBLE
+            if reached.any():
+                factors = _factors(matrix[:, reached])
+                corrections.append(Correction(targets, others[reached], factors))
     return tuple(corrections)
+
+
+def _outputs_by_part(coordinates: Coordinates) -> list[Indices]:
+    """Return where the coordinates of each part of a reconstruction lie: ee, eo, oe and oo."""
+    spans = [span for block in coordinates.blocks.values() for span in block.outputs]
+    size = len(coordinates.signs) * len(coordinates.kept) // PARTS
+    by_part = [[span for span in spans if span.start // size == part] for part in range(PARTS)]
+    return [np.arange(min(s.start for s in p), max(s.stop for s in p)) for p in by_part]
+
+
+def _factors(matrix: F32) -> tuple[F32, ...]:
+    """Return a matrix (T, P) as a product of two if that saves half of its numbers, or as it is.
+
+    With sources from -1 to 1 its result differs by less than LOW_RANK_ERROR.
+    """
+    left, values, right = np.linalg.svd(matrix.astype(np.float64), full_matrices=False)
+    tail = np.sqrt(np.cumsum(values[::-1] ** 2))[::-1] * sqrt(matrix.shape[1])
+    rank = int((tail > LOW_RANK_ERROR).sum())
+    if 2 * rank * sum(matrix.shape) >= matrix.size:
+        return (matrix,)
+    pair = left[:, :rank] * values[:rank], right[:rank]
+    return tuple(factor.astype(np.float32) for factor in pair)
 
 
 def _cut_correction(geometry: Geometry) -> tuple[Correction, ...]:
@@ -135,18 +158,18 @@ def _cut_correction(geometry: Geometry) -> tuple[Correction, ...]:
     if not len(cut):
         return ()
     total = np.zeros((len(cut), size * size))
-    even, rest = _lattice_weights(geometry)
+    lattice = np.outer(*[np.add(*_edge_weights(geometry))] * 2)
     mirrored_filter = _filter(geometry)
     true_filter = radon.filter_matrix(offsets, geometry.filter_name, geometry.circle)
     for angle in geometry.angles_deg:
-        forward = _forward_matrix(angle, even + rest, geometry.domain)
+        forward = _forward_matrix(angle, lattice, geometry.domain)
         projection = forward[:, :size, :size].reshape(geometry.lattice, -1)
         for sign, filtering in ((1.0, true_filter), (-1.0, mirrored_filter)):
             back = _backward_matrix(angle, len(filtering), size, geometry.circle)
             back = back.reshape(len(filtering), -1)[:, cut]
             total += sign * (back.T @ filtering) @ projection[: filtering.shape[1]]
     total *= np.pi / (2 * len(geometry.angles_deg))
-    return (Correction(cut, np.arange(size * size), total.astype(np.float32)),)
+    return (Correction(cut, np.arange(size * size), (total.astype(np.float32),)),)
 
 
 def _distinct_angles(geometry: Geometry) -> list[tuple[float, int]]:

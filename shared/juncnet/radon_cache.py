@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from juncnet import radon, radon_build, radon_geometry, radon_operator
+from juncnet import radon, radon_build, radon_coordinates, radon_geometry, radon_operator
 from juncnet.radon_build import build
-from juncnet.radon_geometry import Geometry, block_rows, block_sizes
+from juncnet.radon_coordinates import Coordinates
+from juncnet.radon_geometry import Geometry
 from juncnet.radon_operator import Correction, Matrix, Reconstruction
 
 
@@ -44,7 +45,7 @@ def load_reconstruction(geometry: Geometry, directory: Path | None = None) -> Re
 
 def _key(geometry: Geometry) -> str:
     digest = hashlib.sha256(repr(geometry).encode())
-    for module in (radon, radon_build, radon_geometry, radon_operator):
+    for module in (radon, radon_build, radon_coordinates, radon_geometry, radon_operator):
         digest.update(Path(str(module.__file__)).read_bytes())
     return digest.hexdigest()[:32]
 
@@ -61,22 +62,29 @@ def _read(path: Path, geometry: Geometry) -> Matrix | None:
 
 
 def _fits(matrix: Matrix, geometry: Geometry) -> bool:
-    rows = block_rows(geometry)
+    coordinates = Coordinates(geometry)
     shapes = {name: block.shape for name, block in matrix.blocks.items()}
+    group = len(coordinates.signs)
+    elements = group * len(coordinates.kept), coordinates.inputs.size
+    pixels = geometry.size**2, geometry.size**2
     return (
-        shapes == {name: (len(rows[name]), n) for name, n in block_sizes(geometry).items()}
+        shapes == {name: block.shape for name, block in coordinates.blocks.items()}
         and all(block.dtype == np.float32 for block in matrix.blocks.values())
-        and all(_correct(c, geometry.domain**2) for c in matrix.rim)
-        and all(_correct(c, geometry.size**2) for c in matrix.cut)
+        and all(_consistent(correction, *elements) for correction in matrix.rim)
+        and all(_consistent(correction, *pixels) for correction in matrix.cut)
     )
 
 
-def _correct(correction: Correction, elements: int) -> bool:
-    targets, sources, matrix = correction.targets, correction.sources, correction.matrix
+def _consistent(correction: Correction, targets: int, sources: int) -> bool:
+    """Return whether a correction can be applied to so many elements."""
+    sizes = [factor.shape for factor in correction.factors]
+    ends = [len(correction.targets), *(n for shape in sizes for n in shape)]
+    ends.append(len(correction.sources))
     return (
-        matrix.dtype == np.float32
-        and matrix.shape == (len(targets), len(sources))
-        and max(targets.max(initial=0), sources.max(initial=0)) < elements
+        all(factor.dtype == np.float32 and factor.ndim == 2 for factor in correction.factors)
+        and ends[0::2] == ends[1::2]
+        and 0 <= correction.targets.min() <= correction.targets.max() < targets
+        and correction.sources.max(initial=0) < sources
     )
 
 
@@ -85,11 +93,14 @@ def _matrix(arrays: dict[str, NDArray[Any]]) -> Matrix:
     blocks = {n.removeprefix("block."): a for n, a in arrays.items() if n.startswith("block.")}
 
     def corrections(kind: str) -> tuple[Correction, ...]:
-        count = sum(name.startswith(f"{kind}.targets.") for name in arrays)
-        fields = ("targets", "sources", "matrix")
-        return tuple(
-            Correction(*(arrays[f"{kind}.{field}.{i}"] for field in fields)) for i in range(count)
-        )
+        found: list[Correction] = []
+        while (prefix := f"{kind}.{len(found)}.") + "targets" in arrays:
+            count = sum(name.startswith(prefix + "factor.") for name in arrays)
+            factors = tuple(arrays[f"{prefix}factor.{i}"] for i in range(count))
+            found.append(
+                Correction(arrays[prefix + "targets"], arrays[prefix + "sources"], factors)
+            )
+        return tuple(found)
 
     return Matrix(blocks, corrections("rim"), corrections("cut"))
 
@@ -99,9 +110,10 @@ def _arrays(matrix: Matrix) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {f"block.{n}": a for n, a in matrix.blocks.items()}
     for kind, corrections in (("rim", matrix.rim), ("cut", matrix.cut)):
         for i, correction in enumerate(corrections):
-            arrays[f"{kind}.targets.{i}"] = correction.targets
-            arrays[f"{kind}.sources.{i}"] = correction.sources
-            arrays[f"{kind}.matrix.{i}"] = correction.matrix
+            arrays[f"{kind}.{i}.targets"] = correction.targets
+            arrays[f"{kind}.{i}.sources"] = correction.sources
+            for k, factor in enumerate(correction.factors):
+                arrays[f"{kind}.{i}.factor.{k}"] = factor
     return arrays
 
 

@@ -69,53 +69,6 @@ class Geometry:
         return self.size if self.symmetry is Symmetry.NONE else 2 * (self.size // 2) + 1
 
 
-def block_sizes(geometry: Geometry) -> dict[str, int]:
-    """Return the number of columns of each block of the map's matrix: e and o for parts even and
-    odd under the row mirror, then the column mirror; + and - under the diagonal one."""
-    odd = geometry.size // 2
-    even = odd + 1
-    match geometry.symmetry:
-        case Symmetry.NONE:
-            return {"all": geometry.size**2}
-        case Symmetry.MIRRORS:
-            return {"ee": even * even, "eo": even * odd, "oe": even * odd, "oo": odd * odd}
-        case Symmetry.SQUARE:
-            triangles = {"ee+": even * (even + 1), "ee-": even * odd, "oo+": odd * even}
-            triangles["oo-"] = odd * (odd - 1)
-            return {"eo": even * odd} | {name: n // 2 for name, n in triangles.items()}
-
-
-def block_rows(geometry: Geometry) -> dict[str, Indices]:
-    """Return the rows that each block has, as indices: of the pixels that are reconstructed."""
-    inside = reconstructed(geometry)
-    if geometry.symmetry is Symmetry.NONE:
-        return {"all": np.flatnonzero(inside)}
-    parts = part_indices(inside)
-    if geometry.symmetry is Symmetry.MIRRORS:
-        return parts
-    rows = {"eo": parts["eo"]}
-    for name, start in (("ee", geometry.size // 2), ("oo", geometry.size // 2 + 1)):
-        quadrant = inside[start:, start:]
-        rows[name + "+"] = np.flatnonzero(quadrant[np.triu_indices(len(quadrant))])
-        rows[name + "-"] = np.flatnonzero(quadrant[np.triu_indices(len(quadrant), 1)])
-    return rows
-
-
-def reconstructed(geometry: Geometry) -> NDArray[np.bool_]:
-    """Return which pixels of the (D, D) domain are reconstructed: with `circle` those inside it."""
-    if geometry.circle:
-        return ~radon.outside_circle(geometry.domain)
-    return np.ones((geometry.domain, geometry.domain), bool)
-
-
-def part_indices(pixels: NDArray[np.bool_]) -> dict[str, Indices]:
-    """Return where `pixels` (D, D), symmetric, lie in the flattened parts of a folded picture."""
-    axis = len(pixels) // 2
-    quadrant = pixels[axis:, axis:]
-    parts = {"ee": quadrant, "eo": quadrant[:, 1:], "oe": quadrant[1:], "oo": quadrant[1:, 1:]}
-    return {name: np.flatnonzero(part) for name, part in parts.items()}
-
-
 def _same_lines(angles: tuple[float, ...], image_of: Callable[[float], float]) -> bool:
     """Return whether the lines at these angles are, as a set, those at the angles' images."""
     ours = np.sort(np.asarray(angles) % 180.0)

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from juncnet import radon_build
 from juncnet.radon import FilterName, evenly_spaced_angles, filtered_back_projection, radon
 from juncnet.radon_build import build
 from juncnet.radon_cache import load_reconstruction
@@ -43,6 +44,33 @@ def test_every_impulse_is_reconstructed_as_in_two_stages(geometry: Geometry) -> 
     ours = Reconstruction(geometry, build(geometry))(impulses)
     expected = np.stack([two_stages(geometry, impulse) for impulse in impulses])
     assert np.abs(ours - expected).sum(axis=0).max() < 1e-4
+
+
+def test_what_the_first_offset_adds_is_kept_as_a_product_that_is_as_exact(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    geometry = Geometry(48, evenly_spaced_angles(60), circle=True)
+    impulses = np.eye(48 * 48, dtype=np.float32).reshape(-1, 48, 48)
+    matrix = build(geometry)
+    monkeypatch.setattr(radon_build, "_factors", lambda matrix: (matrix,))
+    whole = build(geometry)
+    assert max(len(correction.factors) for correction in matrix.rim) == 2
+    assert matrix.nbytes < whole.nbytes
+    difference = Reconstruction(geometry, matrix)(impulses) - Reconstruction(geometry, whole)(
+        impulses
+    )
+    assert np.abs(difference).sum(axis=0).max() < 1e-5
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_few_pictures_are_reconstructed_as_many_are(count: int) -> None:
+    # 112: the block that serves two parts is larger than what stays near the processor.
+    geometry = Geometry(112, evenly_spaced_angles(4))
+    reconstruct = Reconstruction(geometry, build(geometry))
+    pictures = np.random.default_rng(0).random((9, 112, 112), dtype=np.float32)
+    np.testing.assert_allclose(
+        reconstruct(pictures[:count]), reconstruct(pictures)[:count], atol=1e-4
+    )
 
 
 def test_the_papers_geometry_uses_the_whole_symmetry_of_the_square() -> None:
