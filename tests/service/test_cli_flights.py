@@ -1,5 +1,6 @@
 """Which worlds are flown, and how a report is kept and gone on with."""
 
+import contextlib
 import hashlib
 import random
 from pathlib import Path
@@ -54,6 +55,35 @@ def test_seeds_follow_from_a_commit() -> None:
     assert seeds_of_commit(commit, 3) == seeds[:3]
     with pytest.raises(ValueError, match="hash"):
         seeds_of_commit("HEAD", 3)
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_the_logs_of_a_failed_flight_alone_are_kept(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    right: bool,
+) -> None:
+    discarded = list[bool]()
+
+    class FakeDemo(contextlib.nullcontext[None]):
+        flight = SimpleNamespace(directory=tmp_path)
+
+        def __init__(self, setup: object) -> None:
+            del setup
+            super().__init__()
+
+        def fly(self, limit_s: object, live: object, verbose: bool) -> Summary:
+            del limit_s, live, verbose
+            return summary(right)
+
+        def discard(self) -> None:
+            discarded.append(True)
+
+    monkeypatch.setattr(flights, "Demo", FakeDemo)
+    assert flights.fly("copter", 3, ()).summary.flown_right is right
+    assert bool(discarded) is right
+    assert (f"logs of seed 3: {tmp_path}" in capsys.readouterr().err) is not right
 
 
 def test_a_report_is_gone_on_with(

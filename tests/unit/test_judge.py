@@ -120,3 +120,19 @@ def test_a_slow_second_is_told_and_voids_nothing() -> None:
 
 def test_nothing_seen_is_not_flown_right() -> None:
     assert not Judge(Plan((1, 2), 10.0), "world", "copter").summary().flown_right
+
+
+def test_what_kept_the_robot_is_told_of_an_unfinished_mission_only() -> None:
+    judge = Judge(Plan((1, 2), 10.0), "world", "copter")
+    assert judge.summary("output stopped").reasons[-1] == "at the end: output stopped"
+    judge.event(
+        JunctionEvent(
+            header=stamp(1.0),
+            flight="f",
+            index=0,
+            kind=EventKind.MISSION_FINISHED,
+            count=0,
+            probability=0,
+        )
+    )
+    assert not any("at the end" in reason for reason in judge.summary("moving").reasons)

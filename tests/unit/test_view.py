@@ -63,6 +63,9 @@ def test_everything_heard_is_shown() -> None:
         service="road_following", at=stamp(), flight="f", pid=1, rate_hz=24.9, errors=3
     )
     watched.restarts["road_following"] = 5
+    standing = watched.standing()
+    for part in ("approaching", "output stopped: stopped by operator", "road_following 5 times"):
+        assert part in standing, part
     shown = text(watched)
     for part in ("approaching", "2 of 4", "left at 2", "0.75", "stopped by operator", "24.9"):
         assert part in shown, part
@@ -72,3 +75,4 @@ def test_everything_heard_is_shown() -> None:
 
 def test_nothing_heard_yet_is_shown_too() -> None:
     assert "starting" in text(Watched("town"))
+    assert Watched("town").standing() == ""

@@ -181,7 +181,8 @@ class Demo:
                     drawn = time.monotonic()
                     self.watched.restarts = self.supervisor.restarts()
                     live.update(render(self.watched), refresh=True)
-        return self.judge.summary()
+        self.watched.restarts = self.supervisor.restarts()
+        return self.judge.summary(self.watched.standing())
 
     def _hear(self, ears: "_Ears", verbose: bool) -> None:
         for _, truth in ears.truth.drain():

@@ -105,17 +105,24 @@ def seeds_of_commit(commit: str, count: int) -> list[int]:
 def fly(vehicle: str, seed: int, settings: Sequence[str]) -> Flown:
     """Fly the world of `seed`, again when the flight is void, and return how it went.
 
+    The logs of a failed flight are kept; standard error says where.
+
     Raises:
         LayoutError: an option is wrong.
     """
     voids = 0
     while True:
         demo = Demo(prepare(vehicle, None, seed, None, settings))
+        failed = False
         try:
             with demo:
                 summary = demo.fly(None, None, verbose=False)
+            failed = summary.verdict == "failed"
         finally:
-            demo.discard()
+            if not failed:
+                demo.discard()
+        if failed:
+            print(f"logs of seed {seed}: {demo.flight.directory}", file=sys.stderr, flush=True)
         if summary.verdict != "void" or voids == VOID_REPEATS:
             return Flown(seed=seed, voids=voids, summary=summary)
         voids += 1

@@ -183,8 +183,12 @@ class Judge:
             return 0.0
         return (self._scores - 1) * NS_PER_S / (self._last_score_ns - self._first_score_ns)
 
-    def summary(self) -> Summary:
-        """Return the figures and the verdict."""
+    def summary(self, standing: str = "") -> Summary:
+        """Return the figures and the verdict.
+
+        `standing`: what kept the robot when the flight's time was up, if its mission was not
+        finished then.
+        """
         truths = self._truths
         off = np.array([t.off_road_m for t in truths] or [0.0])
         offsets = np.array([t.road_offset_m for t in truths if t.junction_id is None] or [0.0])
@@ -214,6 +218,8 @@ class Judge:
         if figures.real_time_factor < MIN_REAL_TIME_FACTOR:
             verdict = "void"
             reasons = (f"real-time factor {figures.real_time_factor:.2f}", *reasons)
+        if standing and not self.finished:
+            reasons = (*reasons, f"at the end: {standing}")
         told = bool(reasons and truths)
         return Summary(
             **figures.model_dump(),

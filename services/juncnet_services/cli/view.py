@@ -72,6 +72,19 @@ class Watched:
         if not self.path or math.dist(self.path[-1], here) > 0.3:
             self.path.append(here)
 
+    def standing(self) -> str:
+        """Return what navigation and the vehicle last said, and which processes were restarted."""
+        texts: list[str] = []
+        if self.navigation is not None:
+            texts.append(
+                f"navigation {self.navigation.phase}: {self.navigation.reason or 'moving'}"
+            )
+        if self.vehicle is not None:
+            reason = self.vehicle.output_reason
+            texts.append(f"output {self.vehicle.output}" + (f": {reason}" if reason else ""))
+        again = ", ".join(f"{name} {n} times" for name, n in self.restarts.items() if n > 0)
+        return ", ".join(texts + ([f"restarted: {again}"] if again else []))
+
 
 def render(watched: Watched) -> RenderableType:
     """Return the whole view."""
