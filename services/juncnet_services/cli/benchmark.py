@@ -30,9 +30,6 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("data", type=Path, metavar="DIR|FILE")
     parser.add_argument("--recipe", choices=("paper", "tuned"), default="tuned")
     parser.add_argument("--epochs", type=float, help="fewer than the recipe's (said in the table)")
-    parser.add_argument(
-        "--augmentation", type=float, metavar="X", help="in place of the recipe's, from 0 to 2"
-    )
     parser.add_argument("--seeds", default="0", help="for instance 0,1,2 (default 0)")
     parser.add_argument("--limit", type=int, metavar="N", help="use N pictures only, for trials")
     parser.add_argument("--threads", type=int, default=1)
@@ -69,9 +66,7 @@ def main(argv: list[str]) -> int:
     out: Path = options.out or Path("models") / f"benchmark-{options.set}.json"
     try:
         recipe = RECIPES[options.recipe]
-        changes = {"epochs": options.epochs, "augmentation": options.augmentation}
-        given = {name: value for name, value in changes.items() if value is not None}
-        recipe = type(recipe).model_validate(recipe.model_dump() | given)
+        recipe = recipe.model_copy(update={"epochs": options.epochs or recipe.epochs})
         settings = Settings(
             name=options.recipe,
             recipe=recipe,
@@ -97,8 +92,6 @@ def _command(options: argparse.Namespace) -> str:
     words = ["juncnet", "benchmark", options.set, options.data.resolve().name]
     words += ["--recipe", options.recipe, "--seeds", options.seeds]
     words += ["--epochs", f"{options.epochs:g}"] if options.epochs else []
-    if options.augmentation is not None:
-        words += ["--augmentation", f"{options.augmentation:g}"]
     return shlex.join(words + (["--limit", str(options.limit)] if options.limit else []))
 
 
