@@ -28,6 +28,8 @@ from juncnet.radon_geometry import Geometry, Indices
 F32 = NDArray[np.float32]
 FEW_ROWS = 3
 """So many matrix-vector products are faster than one matrix product: it packs the matrix first."""
+CACHE_LINE, LARGE_PAGE = 64, 2**21
+"""In bytes, where arrays begin."""
 NEAR_BYTES = 2**19
 """So much of a matrix is still near the processor when the next vector is multiplied by it."""
 
@@ -55,11 +57,16 @@ class Matrix:
     cut: tuple[Correction, ...] = ()
 
     @property
-    def nbytes(self) -> int:
-        """Memory in bytes."""
+    def arrays(self) -> list[F32]:
+        """All of its numbers."""
         corrections = (*self.rim, *self.cut)
         factors = [factor for correction in corrections for factor in correction.factors]
-        return sum(array.nbytes for array in (*self.blocks.values(), *factors))
+        return [*self.blocks.values(), *factors]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory in bytes."""
+        return sum(array.nbytes for array in self.arrays)
 
 
 class Reconstruction:
@@ -123,14 +130,15 @@ class Reconstruction:
 def _side_by_side(matrix: Matrix) -> Matrix:
     """Return a matrix whose arrays lie in one piece of memory: from 4 MiB on NumPy asks the system
     for large pages, and a cold cache then costs a tenth less."""
-    memory = np.empty(matrix.nbytes // 4, np.float32)
-    used = 0
+    size = sum(array.nbytes + CACHE_LINE for array in matrix.arrays)
+    memory = np.empty(size + LARGE_PAGE, np.uint8)
+    used = -memory.ctypes.data % LARGE_PAGE
 
     def move(array: F32) -> F32:
         nonlocal used
-        moved = memory[used : used + array.size].reshape(array.shape)
+        moved = memory[used : used + array.nbytes].view(np.float32).reshape(array.shape)
         moved[...] = array
-        used += array.size
+        used += array.nbytes + -array.nbytes % CACHE_LINE
         return moved
 
     def correction(old: Correction) -> Correction:
