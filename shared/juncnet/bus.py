@@ -33,7 +33,7 @@ class Bus(Protocol):
 
     @property
     def epoch(self) -> int:
-        """Epoch of this process as a source: wall clock in ns at its start."""
+        """Name of this process as a source: wall clock in ns at its start; orders nothing."""
         ...
 
     @property

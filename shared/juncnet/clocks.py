@@ -5,12 +5,15 @@ monotonic clocks have nothing in common but a measured offset. An age that canno
 `None`, and `is_stale` calls that stale: what might be old never moves a robot.
 """
 
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Protocol
 
 NS_PER_S = 1_000_000_000
 MAX_COMMAND_AGE_S = 0.2
 """Issued to vehicle; older velocity commands are refused everywhere."""
+FORMER_SENDERS = 64
+"""Whom a gate remembers; what those before them sent is older than all that passed."""
 
 
 class Clock(Protocol):
@@ -73,19 +76,62 @@ def is_stale(age: float | None, limit_s: float) -> bool:
     return age is None or age > limit_s
 
 
+class Stamped(Protocol):
+    """What tells who sent something, as which in a row, and when."""
+
+    @property
+    def epoch(self) -> int: ...
+    @property
+    def sequence(self) -> int: ...
+    @property
+    def instant(self) -> Instant: ...
+
+
 @dataclass
 class ReplayGate:
-    """Lets each (epoch, sequence) of one sender through once, in order.
+    """Lets each thing sent through once, in order, and one sender at a time.
 
-    A restarted sender has a newer epoch and starts a new sequence; an older epoch, or a sequence
-    that is not newer within the same epoch, is a replay.
+    It is against what comes again, late or out of order, and against a predecessor that still
+    sends. A sender is a process: a clock and an epoch. The epoch names it and orders nothing, for
+    it comes from the wall clock, which is set back (NTP, a robot without a battery for it), and
+    whoever starts then has the lower epoch. Monotonic time orders: it is not set, is the same for
+    all processes of a host, is measured between hosts, and stands in every stamp already, so that
+    nothing has to be kept on disk.
+    - Of the same sender, only a higher sequence passes.
+    - Another sender takes over with something that was sent later than all that passed. So a
+      restarted process is heard from its first message on, and nothing that its predecessor sent
+      passes, seen before or not. What was sent at an unknown time never takes over.
+    - Who was taken over from stays out, however late it sends.
+    It does not judge ages: its users refuse what is stale, as after a boot, when clocks are others.
     """
 
-    _newest: tuple[int, int] = field(default=(-1, -1))
+    _sender: tuple[str, int] | None = None
+    _sequence: int = -1
+    _sent_ns: int | None = None
+    """When the newest was sent, on our clock; None: nothing of known time has passed."""
+    _former: deque[tuple[str, int]] = field(
+        default_factory=lambda: deque[tuple[str, int]](maxlen=FORMER_SENDERS)
+    )
 
-    def accept(self, epoch: int, sequence: int) -> bool:
-        """Return whether (epoch, sequence) is newer than all that passed, and remember it."""
-        if (epoch, sequence) <= self._newest:
-            return False
-        self._newest = (epoch, sequence)
+    def accept(self, stamp: Stamped, now: Instant, offset: Offset | None = None) -> bool:
+        """Return whether `stamp` is newer than all that passed, and remember it then.
+
+        `offset`: of the stamp's clock against that of `now`, where it is another and known.
+        """
+        sent = stamp.instant
+        sender = (sent.clock, stamp.epoch)
+        known = age_s(sent, now, offset) is not None
+        sent_ns = local_ns(sent, now, offset) if known else None
+        if sender == self._sender:
+            if stamp.sequence <= self._sequence:
+                return False
+        elif self._sender is not None:
+            if sender in self._former or not self._is_later(sent_ns):
+                return False
+            self._former.append(self._sender)
+        self._sender, self._sequence = sender, stamp.sequence
+        self._sent_ns = self._sent_ns if sent_ns is None else sent_ns
         return True
+
+    def _is_later(self, sent_ns: int | None) -> bool:
+        return sent_ns is not None and (self._sent_ns is None or sent_ns > self._sent_ns)

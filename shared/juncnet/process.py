@@ -41,7 +41,7 @@ class ServiceProcess:
 
     @property
     def epoch(self) -> int:
-        """Epoch of this process as a source: wall clock in ns at its start."""
+        """Name of this process as a source: wall clock in ns at its start; orders nothing."""
         return self._epoch
 
     @property

@@ -1,5 +1,7 @@
 """Ages and replays: what cannot be known is stale, what is not newer is a replay."""
 
+from dataclasses import dataclass
+
 import pytest
 
 from juncnet.clocks import Instant, Offset, ReplayGate, age_s, is_stale
@@ -30,8 +32,58 @@ def test_staleness() -> None:
     assert not is_stale(0.2, 0.2)
 
 
-def test_replays_are_refused() -> None:
+@dataclass(frozen=True)
+class Sent:
+    """The `sequence` of process `epoch`, sent at `at_s` on `clock`."""
+
+    epoch: int
+    sequence: int
+    at_s: float
+    clock: str = "a"
+
+    @property
+    def instant(self) -> Instant:
+        return Instant(round(self.at_s * S), self.clock)
+
+
+NOW = Instant(100 * S, "a")
+
+
+def passed(gate: ReplayGate, *sent: Sent) -> list[bool]:
+    return [gate.accept(one, NOW) for one in sent]
+
+
+def test_replays_of_a_sender_are_refused() -> None:
+    sent = [Sent(1, sequence, 1 + sequence) for sequence in (1, 1, 3, 2)]
+    assert passed(ReplayGate(), *sent) == [True, False, True, False]
+
+
+@pytest.mark.parametrize("epoch", [6, 4])
+def test_a_restarted_sender_passes_at_once_whatever_its_wall_clock_says(epoch: int) -> None:
     gate = ReplayGate()
-    assert [gate.accept(*x) for x in ((1, 1), (1, 1), (1, 3), (1, 2))] == [True, False, True, False]
-    assert gate.accept(2, 0)
-    assert not gate.accept(1, 100)
+    assert passed(gate, Sent(5, 900, 10), Sent(epoch, 1, 10.001)) == [True, True]
+    assert passed(gate, Sent(epoch, 1, 10.001), Sent(epoch, 2, 10.04)) == [False, True]
+
+
+def test_nothing_of_a_former_sender_passes_seen_before_or_not() -> None:
+    gate = ReplayGate()
+    assert all(passed(gate, Sent(5, 900, 10), Sent(4, 1, 11)))
+    assert not any(passed(gate, Sent(5, 900, 10), Sent(5, 901, 10.5), Sent(5, 902, 12)))
+    assert passed(gate, Sent(6, 1, 10.9), Sent(4, 2, 11.1)) == [False, True]
+
+
+def test_another_host_takes_over_by_measured_time_and_by_no_other() -> None:
+    gate, offset = ReplayGate(), Offset(1000 * S, S // 1000)
+    other = Sent(1, 1, 1011, "b")
+    assert gate.accept(Sent(1, 5, 10), NOW)
+    assert not gate.accept(other, NOW)
+    assert not gate.accept(other, NOW, Offset(1002 * S, 0))
+    assert gate.accept(other, NOW, offset)
+    assert not gate.accept(Sent(1, 6, 12), NOW)
+
+
+def test_what_comes_from_the_future_keeps_nobody_out() -> None:
+    gate = ReplayGate()
+    assert passed(gate, Sent(1, 1, 10), Sent(2, 1, 5000), Sent(1, 2, 10.1)) == [True, False, True]
+    gate = ReplayGate()
+    assert passed(gate, Sent(1, 1, 5000), Sent(2, 1, 10), Sent(1, 2, 5001)) == [True, True, False]

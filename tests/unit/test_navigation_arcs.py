@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from juncnet.clocks import Instant
 from juncnet.messages import (
     Capabilities,
     MessageError,
@@ -133,13 +134,14 @@ def helm(seen: RoadSurface, turns_in_place: bool = False) -> tuple[Helm, Progres
         turns_in_place=turns_in_place, minimum_radius_m=0.0 if turns_in_place else 2.5
     )
     assert inputs.accept_road(
+        Instant(1, "c"),
         RoadCommand(
             header=Stamp(epoch=1, sequence=1, time_ns=1, clock="c"),
             source=config.road_source,
             velocity=None,
             confidence=0.0,
             surface=seen,
-        )
+        ),
     )
     return Helm(config, state, plan, inputs), state
 

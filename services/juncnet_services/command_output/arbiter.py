@@ -32,6 +32,7 @@ GUARD_MARGIN_S = 0.02
 MAX_ORDER_AGE_S = 2.0
 """Orders other than hold that are known to be older than this are refused."""
 MAX_OPERATORS = 64
+"""Whose orders are told from repeats: processes of operators, each with orders of its own."""
 AGE_UNKNOWN = "order_age_unknown"
 """In the refusal of an order from a clock whose offset is not known (yet)."""
 TAKE_OFF_S = 5.0
@@ -128,7 +129,8 @@ class Arbiter:
         self._manual: _Alive | None = None
         self._pipeline: _Alive | None = None
         self._gate = ReplayGate()
-        self._operators: dict[str, ReplayGate] = {}
+        self._operators: dict[tuple[str, str, int], int] = {}
+        """The highest sequence by operator and process of theirs, the latest heard last."""
         self._cut = False
         self._taking_off: Instant | None = None
         self._stopped: Instant | None = None
@@ -140,7 +142,7 @@ class Arbiter:
         reason = (
             _stale("command", issued, MAX_COMMAND_AGE_S)
             or _stale("picture", picture, self.rules.picture_age_s)
-            or self._replay(self._gate, command.issued)
+            or self._replay(command.issued, now)
         )
         if reason is not None or issued is None or picture is None:
             reason = reason or "command_age_unknown"
@@ -156,12 +158,13 @@ class Arbiter:
         `trouble`: why the vehicle will not fly, if so: it refuses a take-off, and nothing else.
 
         A hold is obeyed whatever its age, clock or sequence: to stop once too often is safe. All
-        others are refused when repeated. Resume, manual and take-off need a known, fresh age; land
-        and emergency are refused only when known to be old. A resume or take-off that was first
-        given before the last stop is refused, however often it is given again. A manual velocity is
-        refused while the robot is stopped: stop wins, so the operator resumes first. A take-off is
-        refused while anything moves the robot, and leaves it stopped: in the air, until an operator
-        resumes.
+        others are refused when repeated: each process of an operator numbers its own orders, so one
+        that has just been started is heard whatever its wall clock says. Resume, manual and
+        take-off need a known, fresh age; land and emergency are refused only when known to be old.
+        A resume or take-off that was first given before the last stop is refused, however often it
+        is given again. A manual velocity is refused while the robot is stopped: stop wins, so the
+        operator resumes first. A take-off is refused while anything moves the robot, and leaves it
+        stopped: in the air, until an operator resumes.
         """
         match order.kind:
             case OverrideKind.HOLD:
@@ -205,7 +208,7 @@ class Arbiter:
         if age is not None and age > MAX_ORDER_AGE_S:
             return Verdict(False, f"{order.kind} is {age:.1f} s old, at most {MAX_ORDER_AGE_S:g}")
         if not self._newer(order):
-            return Verdict(False, f"{order.kind} is a repeat, or older than another order")
+            return Verdict(False, f"{order.kind} is a repeat, or older than another of its sender")
         self._stopped = now
         if order.kind is OverrideKind.LAND:
             self._latch(LatchKind.LAND, f"landing for {order.operator}")
@@ -258,7 +261,7 @@ class Arbiter:
     def _refusal(self, order: Override, now: Instant, limit_s: float) -> Verdict | None:
         reason = _stale("order", self._age(order.issued, now), limit_s)
         if reason is None and not self._newer(order):
-            reason = "a repeat, or older than another order"
+            reason = "a repeat, or older than another of its sender"
         return None if reason is None else Verdict(False, f"{order.kind} refused: {reason}")
 
     def _overtaken(self, order: Override, now: Instant) -> Verdict | None:
@@ -286,15 +289,18 @@ class Arbiter:
         return age_s(stamp.instant, now, self._offsets.get(stamp.clock))
 
     def _newer(self, order: Override) -> bool:
-        """Whether `order` is newer than all of its operator before; remembers it."""
-        if order.operator not in self._operators and len(self._operators) >= MAX_OPERATORS:
+        """Whether `order` is newer than all of its sender before; remembers it."""
+        issued = order.issued
+        sender = (order.operator, issued.clock, issued.epoch)
+        newest = self._operators.pop(sender, -1)
+        if len(self._operators) >= MAX_OPERATORS:
             del self._operators[next(iter(self._operators))]
-        gate = self._operators.setdefault(order.operator, ReplayGate())
-        return gate.accept(order.issued.epoch, order.issued.sequence)
+        self._operators[sender] = max(newest, issued.sequence)
+        return issued.sequence > newest
 
-    @staticmethod
-    def _replay(gate: ReplayGate, issued: Stamp) -> str | None:
-        return None if gate.accept(issued.epoch, issued.sequence) else "command_replayed"
+    def _replay(self, issued: Stamp, now: Instant) -> str | None:
+        offset = self._offsets.get(issued.clock)
+        return None if self._gate.accept(issued, now, offset) else "command_replayed"
 
     def _latch(self, kind: LatchKind, reason: str) -> None:
         """Stop until an operator resumes; that the motors were cut is not forgotten before."""

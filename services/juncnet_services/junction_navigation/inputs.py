@@ -34,7 +34,7 @@ class Inputs:
     ) -> None:
         self._config = config
         self._offsets: Mapping[str, Offset] = {} if offsets is None else offsets
-        self._scores, self._roads = ReplayGate(), ReplayGate()
+        self._scores, self._roads, self._frames = ReplayGate(), ReplayGate(), ReplayGate()
         self._vehicle_ns = 0
         self._usual = TRUSTED
         self.score: JunctionScore | None = None
@@ -45,28 +45,28 @@ class Inputs:
         self.refused: list[str] = []
         """What was not accepted, and why; for the caller to take."""
 
-    def accept_score(self, score: JunctionScore) -> bool:
+    def accept_score(self, now: Instant, score: JunctionScore) -> bool:
         """Return whether the score is news, and keep it then."""
         header = score.header
-        if not self._scores.accept(header.epoch, header.sequence):
+        if not self._newer(self._scores, header, now):
             self.refused.append(f"junction/score {header.epoch}/{header.sequence} is a replay")
             return False
         self.score = score
-        self._see(header)
+        self._see(header, now)
         return True
 
-    def accept_road(self, road: RoadCommand) -> bool:
+    def accept_road(self, now: Instant, road: RoadCommand) -> bool:
         """Return whether the road command is news from the configured source; keep it then."""
         header = road.header
         if road.source != self._config.road_source:
             wanted = self._config.road_source
             self.refused.append(f"road/command of {road.source}: only {wanted} is obeyed")
             return False
-        if not self._roads.accept(header.epoch, header.sequence):
+        if not self._newer(self._roads, header, now):
             self.refused.append(f"road/command {header.epoch}/{header.sequence} is a replay")
             return False
         self.road = road
-        self._see(header)
+        self._see(header, now)
         if self.road_visible:
             self._usual += USUAL_SHARE * (road.confidence - self._usual)
         return True
@@ -179,8 +179,9 @@ class Inputs:
         direction = math.atan2(middle[1] - before[1], middle[0] - before[0])
         return abs(direction - self._seen.heading_rad) > turning.bent_rad(math.hypot(*middle))
 
-    def _see(self, header: Stamp) -> None:
-        newest = self.header
-        order = (header.epoch, header.sequence)
-        if newest is None or order >= (newest.epoch, newest.sequence):
+    def _see(self, header: Stamp, now: Instant) -> None:
+        if self._newer(self._frames, header, now):
             self.header = header
+
+    def _newer(self, gate: ReplayGate, header: Stamp, now: Instant) -> bool:
+        return gate.accept(header, now, self._offsets.get(header.clock))

@@ -117,7 +117,7 @@ class Navigator:
         return Reply(accepted=True, reason=f"the count starts at 0 (it was {previous})")
 
     def _take_score(self, now: Instant, score: JunctionScore) -> None:
-        if not self._inputs.accept_score(score):
+        if not self._inputs.accept_score(now, score):
             return
         header = score.header
         time_ns = self._inputs.captured_ns(header, now)
@@ -133,7 +133,7 @@ class Navigator:
 
     def _take_road(self, now: Instant, road: RoadCommand) -> None:
         previous = self._inputs.road
-        if not self._inputs.accept_road(road):
+        if not self._inputs.accept_road(now, road):
             return
         header = road.header
         at_m, yaw = self._odometry.at(self._inputs.captured_ns(header, now))
