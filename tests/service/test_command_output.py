@@ -233,6 +233,10 @@ def test_a_stop_of_a_take_off_that_was_ordered_twice_wins(tmp_path: Path) -> Non
     assert steps(tmp_path, *script) == ["take_off", "abort"]
 
 
+def test_a_take_off_that_was_ordered_twice_is_finished(tmp_path: Path) -> None:
+    assert steps(tmp_path, TAKE_OFF, *ticks(4), TAKE_OFF, *ticks(8)) == ["take_off"]
+
+
 def test_a_landing_is_the_drivers_own_end_of_a_take_off(tmp_path: Path) -> None:
     script = [TAKE_OFF, *ticks(1), say(OverrideKind.LAND), *ticks(1), STOP, *ticks(0.2)]
     assert steps(tmp_path, *script) == ["take_off", "land"]

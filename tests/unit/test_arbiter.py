@@ -353,6 +353,26 @@ def test_a_take_off_needs_rest_and_ends_stopped_in_the_air() -> None:
     assert arbiter.step(at(6.3)).output is Output.PIPELINE
 
 
+def test_a_take_off_that_is_ordered_again_while_it_lasts_changes_nothing() -> None:
+    arbiter = Arbiter(Rules())
+    arbiter.override(order(OverrideKind.TAKE_OFF, 0), at(0))
+    before = arbiter.latched
+    again = arbiter.override(order(OverrideKind.TAKE_OFF, 4), at(4), "no GPS")
+    assert again.accepted
+    assert "already" in again.reason
+    assert arbiter.latched == before
+    assert arbiter.step(at(4.9)).output is Output.TAKING_OFF
+    assert arbiter.step(at(5.1)).output is Output.STOPPED
+
+
+def test_a_resume_that_was_first_given_before_a_take_off_does_not_end_its_stop() -> None:
+    arbiter = Arbiter(Rules())
+    arbiter.override(order(OverrideKind.TAKE_OFF, 1), at(1))
+    late = order(OverrideKind.RESUME, 1.1).model_copy(update={"first_issued": stamp(0.9)})
+    assert not arbiter.override(late, at(1.1)).accepted
+    assert arbiter.step(at(1.1)).output is Output.TAKING_OFF
+
+
 @pytest.mark.parametrize("kind", [OverrideKind.HOLD, OverrideKind.LAND, OverrideKind.EMERGENCY])
 def test_every_stop_ends_a_take_off(kind: OverrideKind) -> None:
     arbiter = Arbiter(Rules())

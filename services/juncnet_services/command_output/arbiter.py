@@ -134,7 +134,7 @@ class Arbiter:
         self._cut = False
         self._taking_off: Instant | None = None
         self._stopped: Instant | None = None
-        """When the last order came that stops the robot."""
+        """When the last order came that stops the robot; a take-off does, for it ends stopped."""
 
     def command(self, command: VelocityCommand, now: Instant) -> str | None:
         """Take a velocity of the pipeline; return why it is refused, None when it is accepted."""
@@ -164,7 +164,8 @@ class Arbiter:
         A resume or take-off that was first given before the last stop is refused, however often it
         is given again. A manual velocity is refused while the robot is stopped: stop wins, so the
         operator resumes first. A take-off is refused while anything moves the robot, and leaves it
-        stopped: in the air, until an operator resumes.
+        stopped: in the air, until an operator resumes. Ordered again while it is the output, it
+        changes nothing.
         """
         match order.kind:
             case OverrideKind.HOLD:
@@ -191,7 +192,7 @@ class Arbiter:
             self._latch(LatchKind.LOSS, reason)
         if self._cut:
             return Decision(Output.EMERGENCY, "motors cut by an operator")
-        if self._taking_off is not None and now.ns < self._taking_off.ns:
+        if self._takes_off(now):
             return Decision(Output.TAKING_OFF, "taking off")
         if self._manual is not None:
             return Decision(Output.MANUAL, "manual", self._manual.velocity, self._manual.ends)
@@ -229,7 +230,10 @@ class Arbiter:
         return Verdict(True, f"obeying commands again ({was})")
 
     def _take_off(self, order: Override, now: Instant, trouble: str) -> Verdict:
-        refusal = self._refusal(order, now, MAX_ORDER_AGE_S) or self._overtaken(order, now)
+        refusal = self._refusal(order, now, MAX_ORDER_AGE_S)
+        if refusal is None and self._takes_off(now):
+            return Verdict(True, "is taking off already; stopped until resumed")
+        refusal = refusal or self._overtaken(order, now)
         if refusal is not None:
             return refusal
         if trouble:
@@ -240,7 +244,11 @@ class Arbiter:
             return Verdict(False, "no take-off: the robot is being moved, stop it first")
         self._latch(LatchKind.HOLD, f"took off for {order.operator}, resume to go on")
         self._taking_off = Instant(now.ns + int(TAKE_OFF_S * NS_PER_S), now.clock)
+        self._stopped = now
         return Verdict(True, "taking off; stopped until resumed")
+
+    def _takes_off(self, now: Instant) -> bool:
+        return self._taking_off is not None and now.ns < self._taking_off.ns
 
     def _fly_manually(self, order: Override, now: Instant) -> Verdict:
         refusal = self._refusal(order, now, MAX_COMMAND_AGE_S)

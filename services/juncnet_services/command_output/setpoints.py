@@ -55,8 +55,8 @@ class Setpoints:
         """Have the vehicle take off once for an order, and give that up at the first stop.
 
         That the take-off is the output no more, for `TAKE_OFF_S` are over, is no such stop: the
-        vehicle finishes its climb. One that was ordered again meanwhile ends at a time that is not
-        known here, and its end counts as a stop.
+        vehicle finishes its climb. One that was stopped and ordered again between two calls ends at
+        a time that is not known here, and its end counts as a stop.
         """
         told, taking_off = self._told, Output.TAKING_OFF
         was_taking_off = told is not None and told.output is taking_off
