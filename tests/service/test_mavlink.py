@@ -198,6 +198,39 @@ def test_a_stranger_who_is_heard_first_does_not_keep_the_autopilot_out(tmp_path:
                 stranger.recv(1000)
 
 
+def test_after_a_reconnect_the_guard_holds_the_autopilot_where_it_is_now(tmp_path: Path) -> None:
+    port = free_port()
+    with (
+        closing(open_vehicle("mavlink", {"url": f"udpin:127.0.0.1:{port}"}, tmp_path)) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+        GuardLink(None, tmp_path) as guard,
+    ):
+        with flying(Autopilot("copter", STRICT, px4=True), port):
+            until(lambda: vehicle.trouble == "", "the autopilot is not heard")
+            time.sleep(0.2)
+            before = vehicle.hold()
+            assert before is not None
+            guard.beat(10.0, before)
+        until(lambda: "no heartbeat" in vehicle.trouble, "the silence is not noticed")
+        assert vehicle.hold() == before
+        stranger.connect(("127.0.0.1", port))
+        stranger.settimeout(10)
+        stranger.send(b"?")
+        assert stranger.recv(1000), "the stranger was not heard"
+        assert vehicle.hold() == before
+        with flying(Autopilot("copter", STRICT, px4=True), port) as autopilot:
+            until(lambda: vehicle.trouble == "", "the autopilot is not heard anew")
+            present = vehicle.hold()
+            assert present is not None
+            assert present.address not in (before.address, stranger.getsockname(), None)
+            guard.beat(0.0, present)
+            # Those of the guard, 20 a second, come beside those of the driver.
+            until(
+                lambda: sum(t > time.monotonic() - 0.5 for t, _ in autopilot.setpoints) >= 15,
+                "the guard is not heard",
+            )
+
+
 def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))

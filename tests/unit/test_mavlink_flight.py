@@ -119,6 +119,22 @@ def test_the_guards_packet_stands_still_at_the_height_held(make: Any, kind: str)
     assert air.autopilot.height_m == pytest.approx(wanted_m, abs=0.5)
 
 
+def test_a_copter_that_is_connected_to_in_the_air_keeps_a_height_that_is_not_known_yet() -> None:
+    air = px4()
+    air.take_off()
+    air.fly(1.0)
+    height_m = air.autopilot.height_m
+    air.core.connected(air.now_ns)
+    air.core.heard(air.autopilot.told(air.now_s + 1)[0], air.now_ns)
+    for packets in (air.core.due(HOLD, air.now_ns), [air.core.hold_packet()]):
+        air.give(packets)
+        assert air.core.controlled
+        assert air.newest().type_mask == 1479
+    air.fly(5.0)
+    assert air.newest().type_mask == 1475
+    assert air.autopilot.height_m == pytest.approx(height_m, abs=0.2)
+
+
 @pytest.mark.parametrize(("make", "kind"), ALL)
 def test_with_accepted_parameters_a_lost_link_comes_to_rest_by_itself(make: Any, kind: str) -> None:
     air = make(kind)

@@ -67,7 +67,7 @@ class MavlinkVehicle(PacedVehicle):
             capabilities = capabilities.model_copy(update=changes)
         self.capabilities = capabilities
         self._at_end: Literal["hold", "land"] = options.at_end
-        self._held = False
+        self._hold: Hold | None = None
         self._link = _open(options.url, lambda: self._autopilot.seen.system is not None)
         self.start()
 
@@ -77,12 +77,15 @@ class MavlinkVehicle(PacedVehicle):
         yield self._link
 
     def hold(self) -> Hold | None:
+        """Return a hold for the autopilot that is known; until one is anew, for the one before.
+
+        Whoever else is heard meanwhile is not held, and the autopilot is where it was, if anywhere.
+        """
         with self._lock:
-            if self._autopilot.seen.system is None and not self._held:
-                return None
-            self._held = True
-            packet = self._autopilot.hold_packet()
-        return Hold(self._link.fileno(), self._link.peer, (packet,))
+            if self._autopilot.seen.system is not None:
+                packet = self._autopilot.hold_packet()
+                self._hold = Hold(self._link.fileno(), self._link.peer, (packet,))
+        return self._hold
 
     def close(self) -> None:
         self.finish(self._at_end == "land", END_S[self._at_end])
@@ -113,8 +116,8 @@ class UdpLink:
             ) from error
 
     def begin(self) -> None:
-        """Look for the peer from now on, unless it is named."""
-        self.peer = self._named
+        """Look for the peer from now on, unless it is named; the one before is spoken to until."""
+        self.peer = self._named or self.peer
 
     def fileno(self) -> int:
         return self._socket.fileno()

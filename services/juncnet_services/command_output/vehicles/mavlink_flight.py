@@ -174,7 +174,7 @@ class MavlinkCore:
 
     def hold_packet(self) -> bytes:
         """Return a setpoint that stands still, for whoever sends it when this process cannot."""
-        down_m = round(self._height_down_m or 0.0, 1)
+        down_m = None if self._height_down_m is None else round(self._height_down_m, 1)
         return self._encoded(Velocity(), down_m, self._guards_wire)
 
     def ending(self) -> list[bytes]:
@@ -360,17 +360,17 @@ class MavlinkCore:
         blind = not self.seen.fresh(now_ns, BLIND_S)
         velocity = Velocity() if still or blind or self.trouble else wish.velocity
         self._follow_height(velocity.vertical_mps * seconds)
-        return [self._encoded(velocity, self._height_down_m or 0.0, self._wire)]
+        return [self._encoded(velocity, self._height_down_m, self._wire)]
 
     def _follow_height(self, risen_m: float) -> None:
         """Move the height that is held by `risen_m`, never far ahead of the measured one."""
-        if self._height_down_m is None:
+        if self._height_down_m is None and self.seen.position_ns:
             self._height_down_m = self.seen.down_m
-        if risen_m:
+        if risen_m and self._height_down_m is not None:
             wanted, down_m = self._height_down_m - risen_m, self.seen.down_m
             self._height_down_m = max(down_m - HEIGHT_LEAD_M, min(down_m + HEIGHT_LEAD_M, wanted))
 
-    def _encoded(self, velocity: Velocity, down_m: float, by: Wire) -> bytes:
+    def _encoded(self, velocity: Velocity, down_m: float | None, by: Wire) -> bytes:
         """Return the setpoint that this autopilot understands for a velocity in our axes."""
         forward, right = velocity.forward_mps, -velocity.lateral_mps
         turn, target = -velocity.yaw_rate_radps, self.seen.target
@@ -386,8 +386,8 @@ class MavlinkCore:
             return by.setpoint(target, wire.LOCAL_NED, wire.VELOCITY, 0.0, speeds, 0.0)
         cosine, sine = math.cos(yaw), math.sin(yaw)
         speeds = (forward * cosine - right * sine, forward * sine + right * cosine, 0.0)
-        mask = wire.POSITION_Z_VELOCITY_YAW_RATE
-        return by.setpoint(target, wire.LOCAL_NED, mask, down_m, speeds, turn)
+        mask = wire.VELOCITY_YAW_RATE if down_m is None else wire.POSITION_Z_VELOCITY_YAW_RATE
+        return by.setpoint(target, wire.LOCAL_NED, mask, down_m or 0.0, speeds, turn)
 
     @property
     def _steering_s(self) -> float:

@@ -20,7 +20,7 @@ POSITION_Z_VELOCITY_YAW_RATE = 1475
 """Type mask 0x5C3: horizontal velocity, height, yaw rate. PX4 holds its height within 0.1 m; with
 1479 and a vertical velocity of 0 it drifts by metres."""
 VELOCITY_YAW_RATE = 1479
-"""0x5C7: ArduPilot Copter."""
+"""0x5C7: ArduPilot Copter, and PX4 until its height has been told."""
 SPEED_TURN_RATE = 1511
 """0x5E7: ArduPilot Rover."""
 VELOCITY = 3527
