@@ -1,15 +1,19 @@
 """What status, up and events make of what they hear."""
 
+import time
+from pathlib import Path
+
 import pytest
 
 from fakes import FakeBus
 from juncnet.clocks import Instant
+from juncnet.flight import Flight
 from juncnet.messages import EventKind, Health, JunctionEvent, RemoteClock
-from juncnet.topics import JUNCTION_EVENT
+from juncnet.topics import JUNCTION_EVENT, health_topic
 from juncnet_services.cli.events import CAPACITY, Once, follow, line
 from juncnet_services.cli.status import FRESH_S, FlightStatus, links, rows
-from juncnet_services.cli.supervise import ProcessStatus
-from juncnet_services.cli.up import MAX_RESTARTS, hopeless
+from juncnet_services.cli.supervise import ProcessStatus, Supervisor
+from juncnet_services.cli.up import MAX_RESTARTS, Waited, failure_text, hopeless, listen
 from scenes import stamp
 
 
@@ -64,6 +68,37 @@ def test_waiting_is_hopeless_for_what_has_ended_or_ends_again_and_again() -> Non
     ]
     restarts = {"again": MAX_RESTARTS, "slow": MAX_RESTARTS - 1}
     assert hopeless(["ended", "again", "slow"], statuses, restarts) == ["ended", "again"]
+
+
+class Supervised(Supervisor):
+    """A supervisor of processes in these states."""
+
+    def __init__(self, **states: str) -> None:
+        super().__init__(Path("nowhere"))
+        self.states = states
+
+    def status(self) -> list[ProcessStatus]:
+        return [ProcessStatus(name, state, 1, 1.0) for name, state in self.states.items()]
+
+
+@pytest.mark.parametrize(
+    ("ended", "waited"),
+    [("EXITED", Waited(("b",), ("c",))), ("RUNNING", Waited((), ("b", "c")))],
+)
+def test_nobody_is_waited_for_once_a_process_will_not_work(ended: str, waited: Waited) -> None:
+    flight = Flight("f", Path("nowhere"), "r", ("a", "b", "c"))
+    supervisor = Supervised(a="RUNNING", b="RUNNING", c="RUNNING")
+
+    def end(_: FakeBus) -> None:
+        supervisor.states["b"] = ended
+
+    bus = FakeBus([(health_topic("a"), health("a", 1.0)), 0.2, 0.2, end, *[0.2] * 50])
+    assert listen(bus, flight, supervisor, time.monotonic() + 60.0) == waited
+    assert bus.running is (ended == "EXITED")
+    said = failure_text(flight, supervisor, waited)
+    assert ("1 of 3 processes will not work" in said) is (ended == "EXITED")
+    assert "b (" + ended.lower() in said
+    assert ("any longer: c" in said) is (ended == "EXITED")
 
 
 def test_every_event_passes_once() -> None:

@@ -1,7 +1,8 @@
 """`juncnet up [LAYOUT]`: starts a layout in the background and waits until every process works.
 
-Exits 0 when all processes have reported their health, 1 when one did not (the text says which, and
-shows the end of its log), 2 when the layout is wrong or the robot is up already.
+Exits 0 when all processes have reported their health, 1 when one did not or, at once, when one will
+not work (the text says which, and shows the end of its log), 2 when the layout is wrong or the
+robot is up already.
 """
 
 import argparse
@@ -9,15 +10,17 @@ import json
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from juncnet.assets import asset_path
-from juncnet.bus import Inbox
+from juncnet.bus import Bus, Inbox
 from juncnet.flight import Flight, new_flight
 from juncnet.launch import connect
 from juncnet.layout import OPTIONAL, SAVED, Layout, LayoutError, load_layout
 from juncnet.messages import Health
 from juncnet.topics import health_topic
+from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.local_flights import UP_MARK, end, running_flights, started_by_up
 from juncnet_services.cli.supervise import ProcessStatus, Supervisor
 from juncnet_services.dashboard.service import DASHBOARD, page_url
@@ -28,6 +31,16 @@ ENDED = ("EXITED", "FATAL", "STOPPED", "UNKNOWN")
 MAX_RESTARTS = 3
 """A process that was started again this often before it reported health will not work."""
 LOG_LINES = 15
+ATTEMPT_S = 1.0
+"""To reach the first process, before its supervisor is asked whether there will be one."""
+
+
+@dataclass(frozen=True)
+class Waited:
+    """Which processes will not work, and which of the others had not reported their health."""
+
+    failed: tuple[str, ...]
+    silent: tuple[str, ...]
 
 
 def hopeless(
@@ -38,25 +51,55 @@ def hopeless(
     return [n for n in silent if n in ended or restarts.get(n, 0) >= MAX_RESTARTS]
 
 
-def wait_for_health(flight: Flight, supervisor: Supervisor, timeout_s: float) -> list[str]:
-    """Wait until every process has reported its health, and return those that have not.
+def wait_for_health(flight: Flight, supervisor: Supervisor, timeout_s: float) -> Waited:
+    """Wait until every process has reported its health, or one will not work.
 
-    Does not wait for those that cannot: they have ended, or end again and again.
+    Raises:
+        ConnectionError: no process could be reached, and none will be or time is over.
     """
-    deadline = time.monotonic() + timeout_s
-    with connect(flight.directory, timeout_s=timeout_s) as bus:
-        inboxes: dict[str, Inbox[Health]] = {
-            name: bus.subscribe(health_topic(name)) for name in flight.processes
-        }
-        while True:
-            silent = [name for name, inbox in inboxes.items() if inbox.newest is None]
-            late = time.monotonic() > deadline or not bus.running
-            lost = hopeless(silent, supervisor.status(), supervisor.restarts())
-            if late or len(lost) == len(silent):
-                return silent
-            bus.wait(0.2)
-            for inbox in inboxes.values():
-                inbox.drain()
+    deadline_s = time.monotonic() + timeout_s
+    with reach(flight, supervisor, deadline_s) as bus:
+        return listen(bus, flight, supervisor, deadline_s)
+
+
+def reach(flight: Flight, supervisor: Supervisor, deadline_s: float) -> ZenohBus:
+    """Return a bus to the flight, as soon as one of its processes is there.
+
+    Raises:
+        ConnectionError: none of them will work, time is over, or it is not a matter of time.
+    """
+    while True:
+        began_s = time.monotonic()
+        attempt_s = max(0.0, min(ATTEMPT_S, deadline_s - began_s))
+        try:
+            return connect(flight.directory, timeout_s=attempt_s)
+        except ConnectionError:
+            now_s = time.monotonic()
+            if now_s >= deadline_s or now_s - began_s < attempt_s:
+                raise
+            if not judged(flight.processes, supervisor).silent:
+                raise
+
+
+def listen(bus: Bus, flight: Flight, supervisor: Supervisor, deadline_s: float) -> Waited:
+    """Return which processes had not reported when all had, one will not work, or time is over."""
+    inboxes: dict[str, Inbox[Health]] = {
+        name: bus.subscribe(health_topic(name)) for name in flight.processes
+    }
+    while True:
+        silent = [name for name, inbox in inboxes.items() if inbox.newest is None]
+        waited = judged(silent, supervisor)
+        if not silent or waited.failed or time.monotonic() > deadline_s or not bus.running:
+            return waited
+        bus.wait(0.2)
+        for inbox in inboxes.values():
+            inbox.drain()
+
+
+def judged(silent: Sequence[str], supervisor: Supervisor) -> Waited:
+    """Return those of the `silent` processes that will not work, and the others."""
+    failed = hopeless(silent, supervisor.status(), supervisor.restarts())
+    return Waited(tuple(failed), tuple(name for name in silent if name not in failed))
 
 
 def start(layout: Layout, settings: Sequence[str]) -> tuple[Flight, Supervisor]:
@@ -89,13 +132,18 @@ def log_end(directory: Path, process: str) -> str:
     return "\n".join(f"    {line}" for line in lines[-LOG_LINES:]) or "    it wrote no log"
 
 
-def failure_text(flight: Flight, supervisor: Supervisor, silent: Sequence[str]) -> str:
-    """Return which processes did not report health, their state and the end of their logs."""
+def failure_text(flight: Flight, supervisor: Supervisor, waited: Waited) -> str:
+    """Return which processes did not come up, their state and the end of their logs."""
     states = {status.name: status.state for status in supervisor.status()}
-    lines = [f"{len(silent)} of {len(flight.processes)} processes did not report their health:"]
-    for name in silent:
+    names, became = waited.silent, "did not report their health"
+    if waited.failed:
+        names, became = waited.failed, "will not work"
+    lines = [f"{len(names)} of {len(flight.processes)} processes {became}:"]
+    for name in names:
         lines += [f"  {name} ({states.get(name, 'unknown').lower()}), the end of its log:"]
         lines += [log_end(flight.directory, name)]
+    if waited.failed and waited.silent:
+        lines += [f"not waited for any longer: {', '.join(waited.silent)}"]
     return "\n".join(lines)
 
 
@@ -104,7 +152,7 @@ def none_text(flight: Flight, supervisor: Supervisor, error: Exception) -> str:
     return "\n".join(
         [
             str(error),
-            failure_text(flight, supervisor, flight.processes),
+            failure_text(flight, supervisor, judged(flight.processes, supervisor)),
             "the end of the supervisor's log:",
             log_end(flight.directory, "supervisord"),
             f"all were stopped; their logs are in {flight.directory}",
@@ -115,7 +163,8 @@ def none_text(flight: Flight, supervisor: Supervisor, error: Exception) -> str:
 def success_text(flight: Flight) -> str:
     """Return where the flight is, how outsiders get in, and how to stop it."""
     endpoint = flight.directory / "router.endpoint"
-    gateway = endpoint.read_text().strip() if endpoint.exists() else "none in this layout"
+    missing = "not open yet" if "router" in flight.processes else "none in this layout"
+    gateway = endpoint.read_text().strip() if endpoint.exists() else missing
     lines = [
         f"robot     {flight.robot}",
         f"flight    {flight.directory}",
@@ -178,13 +227,14 @@ def main(argv: list[str]) -> int:
         print(f"juncnet up: {error}", file=sys.stderr)
         return 1
     try:
-        silent = wait_for_health(flight, supervisor, options.timeout)
+        waited = wait_for_health(flight, supervisor, options.timeout)
     except ConnectionError as error:
         text = none_text(flight, supervisor, error)
         end(flight, keep=True)
         print(f"juncnet up: {text}", file=sys.stderr)
         return 1
-    if silent:
-        print(f"juncnet up: {failure_text(flight, supervisor, silent)}", file=sys.stderr)
+    well = waited == Waited((), ())
+    if not well:
+        print(f"juncnet up: {failure_text(flight, supervisor, waited)}", file=sys.stderr)
     print(success_text(flight))
-    return 1 if silent else 0
+    return 0 if well else 1
