@@ -33,7 +33,7 @@ class Bus(Protocol):
 
     @property
     def epoch(self) -> int:
-        """Name of this process as a source: wall clock in ns at its start; orders nothing."""
+        """Epoch of this process as a source: monotonic time of its host in ns at its start."""
         ...
 
     @property

@@ -5,15 +5,14 @@ monotonic clocks have nothing in common but a measured offset. An age that canno
 `None`, and `is_stale` calls that stale: what might be old never moves a robot.
 """
 
-from collections import deque
 from dataclasses import dataclass, field
 from typing import Protocol
 
 NS_PER_S = 1_000_000_000
 MAX_COMMAND_AGE_S = 0.2
 """Issued to vehicle; older velocity commands are refused everywhere."""
-FORMER_SENDERS = 64
-"""Whom a gate remembers; what those before them sent is older than all that passed."""
+MAX_CLOCKS = 64
+"""Whose senders a gate remembers."""
 
 
 class Clock(Protocol):
@@ -89,29 +88,25 @@ class Stamped(Protocol):
 
 @dataclass
 class ReplayGate:
-    """Lets each thing sent through once, in order, and one sender at a time.
+    """Lets each thing sent through once, in order, and one host at a time.
 
     It is against what comes again, late or out of order, and against a predecessor that still
-    sends. A sender is a process: a clock and an epoch. The epoch names it and orders nothing, for
-    it comes from the wall clock, which is set back (NTP, a robot without a battery for it), and
-    whoever starts then has the lower epoch. Monotonic time orders: it is not set, is the same for
-    all processes of a host, is measured between hosts, and stands in every stamp already, so that
-    nothing has to be kept on disk.
-    - Of the same sender, only a higher sequence passes.
-    - Another sender takes over with something that was sent later than all that passed. So a
-      restarted process is heard from its first message on, and nothing that its predecessor sent
-      passes, seen before or not. What was sent at an unknown time never takes over.
-    - Who was taken over from stays out, however late it sends.
-    It does not judge ages: its users refuse what is stale, as after a boot, when clocks are others.
+    sends.
+    - Of one clock, which is one boot of one host, a newer epoch passes, or the same one with a
+      higher sequence. An epoch is the monotonic time at which its process started, so a restarted
+      process is heard from its first message on, even if the wall clock has been set back.
+    - Of another clock, as after a boot or when a service has moved to another host, something
+      passes that was sent later than all that passed, which needs the measured offset, by a
+      process that started after those of that clock that were heard.
+    It does not judge ages: its users refuse what is stale.
     """
 
-    _sender: tuple[str, int] | None = None
-    _sequence: int = -1
+    _clock: str | None = None
+    """Of the sender that is heard now."""
+    _newest: dict[str, tuple[int, int]] = field(default_factory=dict[str, tuple[int, int]])
+    """Epoch and sequence of the newest that passed, by clock; the clock heard last comes last."""
     _sent_ns: int | None = None
     """When the newest was sent, on our clock; None: nothing of known time has passed."""
-    _former: deque[tuple[str, int]] = field(
-        default_factory=lambda: deque[tuple[str, int]](maxlen=FORMER_SENDERS)
-    )
 
     def accept(self, stamp: Stamped, now: Instant, offset: Offset | None = None) -> bool:
         """Return whether `stamp` is newer than all that passed, and remember it then.
@@ -119,17 +114,20 @@ class ReplayGate:
         `offset`: of the stamp's clock against that of `now`, where it is another and known.
         """
         sent = stamp.instant
-        sender = (sent.clock, stamp.epoch)
         known = age_s(sent, now, offset) is not None
         sent_ns = local_ns(sent, now, offset) if known else None
-        if sender == self._sender:
-            if stamp.sequence <= self._sequence:
-                return False
-        elif self._sender is not None:
-            if sender in self._former or not self._is_later(sent_ns):
-                return False
-            self._former.append(self._sender)
-        self._sender, self._sequence = sender, stamp.sequence
+        newest = self._newest.get(sent.clock, (-1, -1))
+        if self._clock in (None, sent.clock):
+            newer = (stamp.epoch, stamp.sequence) > newest
+        else:
+            newer = stamp.epoch > newest[0] and self._is_later(sent_ns)
+        if not newer:
+            return False
+        self._newest.pop(sent.clock, None)
+        if len(self._newest) >= MAX_CLOCKS:
+            del self._newest[next(iter(self._newest))]
+        self._newest[sent.clock] = stamp.epoch, stamp.sequence
+        self._clock = sent.clock
         self._sent_ns = self._sent_ns if sent_ns is None else sent_ns
         return True
 

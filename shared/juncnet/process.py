@@ -1,7 +1,6 @@
 """What a process knows of itself, whatever carries its messages."""
 
 import itertools
-import time
 from pathlib import Path
 
 from juncnet.clock_offset import Offsets
@@ -18,7 +17,7 @@ class ServiceProcess:
     def __init__(self, flight: Flight, service: str, state_dir: Path) -> None:
         self._flight, self._service, self._state_dir = flight, service, state_dir
         self._clock: Clock = HostClock()
-        self._epoch = time.time_ns()
+        self._epoch = self._clock.now_ns()
         self._sequence = itertools.count(1)
         self._offsets = Offsets(self._clock)
         self._health = HealthCounters(service, self._clock, self._offsets)
@@ -41,7 +40,7 @@ class ServiceProcess:
 
     @property
     def epoch(self) -> int:
-        """Name of this process as a source: wall clock in ns at its start; orders nothing."""
+        """Epoch of this process as a source: monotonic time of its host in ns at its start."""
         return self._epoch
 
     @property

@@ -121,17 +121,6 @@ def test_flies_holds_when_the_pipeline_is_silent_and_flies_on(tmp_path: Path) ->
     assert bus.health.errors == []
 
 
-def test_flies_on_and_lands_for_processes_started_after_the_wall_clock_was_set_back(
-    tmp_path: Path,
-) -> None:
-    def set_back(bus: FakeBus) -> None:
-        bus.epoch = 0
-
-    bus = fly(tmp_path, [TICK, *flown(0.2), set_back, *flown(0.4), say(OverrideKind.LAND), TICK])
-    assert outputs(bus) == [Output.HOLD, Output.PIPELINE, Output.LANDING]
-    assert bus.health.errors == []
-
-
 def test_setpoints_and_state_are_steady_while_holding(tmp_path: Path) -> None:
     bus = fly(tmp_path, [TICK] * 100)
     assert len(KeptVehicle.last.told) == pytest.approx(25, abs=2)

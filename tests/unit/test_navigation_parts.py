@@ -285,17 +285,6 @@ def test_other_sources_and_replays_are_refused() -> None:
     assert navigator.step(now, None, road(2, NOW)).refused == ()
 
 
-def test_a_camera_restarted_after_its_wall_clock_was_set_back_is_followed_at_once() -> None:
-    navigator, late = started(), NOW + FRAME_NS
-    header = stamp(late, sequence=1, epoch=0)
-    fresh = road(1, late).model_copy(update={"header": header})
-    scored = score(1, late).model_copy(update={"header": header})
-    decision = navigator.step(Instant(late, "c"), scored, fresh, vehicle())
-    assert decision.refused == ()
-    assert decision.header == header
-    assert navigator.step(Instant(late, "c"), None, road(9, late)).refused != ()
-
-
 def test_a_mission_is_set_between_junctions_only() -> None:
     navigator = started()
     navigator.progress.count = 3

@@ -10,7 +10,7 @@ from juncnet.radon import FilterName, evenly_spaced_angles, filtered_back_projec
 from juncnet.radon_build import build
 from juncnet.radon_cache import load_reconstruction
 from juncnet.radon_geometry import Geometry, Symmetry
-from juncnet.radon_operator import Reconstruction
+from juncnet.radon_operator import F32, Reconstruction
 
 GEOMETRIES = [
     Geometry(24, evenly_spaced_angles(20)),
@@ -52,7 +52,11 @@ def test_what_the_first_offset_adds_is_kept_as_a_product_that_is_as_exact(
     geometry = Geometry(48, evenly_spaced_angles(60), circle=True)
     impulses = np.eye(48 * 48, dtype=np.float32).reshape(-1, 48, 48)
     matrix = build(geometry)
-    monkeypatch.setattr(radon_build, "_factors", lambda matrix: (matrix,))
+
+    def as_it_is(matrix: F32) -> tuple[F32]:
+        return (matrix,)
+
+    monkeypatch.setattr(radon_build, "_factors", as_it_is)
     whole = build(geometry)
     assert max(len(correction.factors) for correction in matrix.rim) == 2
     assert matrix.nbytes < whole.nbytes

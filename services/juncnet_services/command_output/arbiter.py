@@ -158,9 +158,9 @@ class Arbiter:
         `trouble`: why the vehicle will not fly, if so: it refuses a take-off, and nothing else.
 
         A hold is obeyed whatever its age, clock or sequence: to stop once too often is safe. All
-        others are refused when repeated: each process of an operator numbers its own orders, so one
-        that has just been started is heard whatever its wall clock says. Resume, manual and
-        take-off need a known, fresh age; land and emergency are refused only when known to be old.
+        others are refused when repeated; each process of an operator numbers its own orders, so two
+        terminals do not refuse each other's. Resume, manual and take-off need a known, fresh age;
+        land and emergency are refused only when known to be old.
         A resume or take-off that was first given before the last stop is refused, however often it
         is given again. A manual velocity is refused while the robot is stopped: stop wins, so the
         operator resumes first. A take-off is refused while anything moves the robot, and leaves it
