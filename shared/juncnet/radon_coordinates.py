@@ -87,9 +87,9 @@ class Coordinates:
         inside = inside.ravel()[self.images[0]]
         self.kept = np.flatnonzero(inside)
         group, kept = len(self.signs), len(self.kept)
-        outputs = np.full(size * size + 1, group * kept, np.intp)
-        outputs[self.inputs[:, self.kept]] = np.arange(group * kept).reshape(group, kept)
-        self.outputs = outputs[:-1]
+        places = np.full(size * size + 1, group * kept, np.intp)
+        places[self.inputs[:, self.kept]] = np.arange(group * kept).reshape(group, kept)
+        self.outputs = places[:-1]
         kept_runs = np.bincount(np.repeat(np.arange(4), runs)[inside], minlength=4)
         inputs = _spans(np.cumsum([0, *runs]), symmetry, repeated=False)
         outputs = _spans(np.cumsum([0, *kept_runs]), symmetry, repeated=True)
@@ -118,7 +118,6 @@ def _orbits(domain: int, symmetry: Symmetry) -> tuple[Indices, list[int]]:
         y, x = (axis.ravel() for axis in np.indices((half + 1, half + 1)))
         other = y == 0
     kind = np.where(other, np.where(x == 0, 3, 2), np.where(x == 0, 0, 1))
-    kind[(y == 0) & (x == 0)] = 3
     order = np.argsort(kind, kind="stable")
     y, x = y[order], x[order]
 
