@@ -363,6 +363,17 @@ def test_a_resume_that_was_first_given_before_a_take_off_does_not_end_its_stop()
 
 
 @pytest.mark.parametrize("kind", [OverrideKind.HOLD, OverrideKind.LAND, OverrideKind.EMERGENCY])
+def test_a_restart_remembers_when_it_was_stopped(kind: OverrideKind) -> None:
+    before = Arbiter(Rules())
+    before.override(order(OverrideKind.EMERGENCY, 0.5), at(0.5))
+    before.override(order(kind, 1), at(1))
+    arbiter = Arbiter(Rules(), latched=before.latched)
+    late = order(OverrideKind.RESUME, 1.2).model_copy(update={"first_issued": stamp(0.9)})
+    assert not arbiter.override(late, at(1.2)).accepted
+    assert arbiter.override(order(OverrideKind.RESUME, 1.3), at(1.3)).accepted
+
+
+@pytest.mark.parametrize("kind", [OverrideKind.HOLD, OverrideKind.LAND, OverrideKind.EMERGENCY])
 def test_every_stop_ends_a_take_off(kind: OverrideKind) -> None:
     arbiter = Arbiter(Rules())
     arbiter.override(order(OverrideKind.TAKE_OFF, 0), at(0))

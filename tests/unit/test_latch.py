@@ -8,7 +8,7 @@ from juncnet.clocks import Instant
 from juncnet_services.command_output.arbiter import Latched, LatchKind
 from juncnet_services.command_output.latch import LAST_ACCEPTED, LATCH, LastAccepted, Latch
 
-STOP = Latched(kind=LatchKind.HOLD, reason="held by anna")
+STOP = Latched(kind=LatchKind.HOLD, reason="held by anna", since=Instant(7, "boot-a"))
 
 
 def test_a_stop_is_found_by_the_next_process_and_gone_after_a_resume(tmp_path: Path) -> None:

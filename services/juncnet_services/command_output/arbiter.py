@@ -70,6 +70,8 @@ class Latched(BaseModel):
 
     kind: LatchKind
     reason: str = Field(max_length=1000)
+    since: Instant | None = None
+    """When the last order came that stops the robot; None: there was none in this boot."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,7 @@ class Arbiter:
         """The highest sequence by operator and process of theirs, the latest heard last."""
         self._cut = False
         self._taking_off: Instant | None = None
-        self._stopped: Instant | None = None
+        self._stopped = None if latched is None else latched.since
         """When the last order came that stops the robot; a take-off does, for it ends stopped."""
 
     def command(self, command: VelocityCommand, now: Instant) -> str | None:
@@ -242,9 +244,9 @@ class Arbiter:
             return Verdict(False, "no take-off: the motors are cut, resume first")
         if self.step(now).moving:
             return Verdict(False, "no take-off: the robot is being moved, stop it first")
+        self._stopped = now
         self._latch(LatchKind.HOLD, f"took off for {order.operator}, resume to go on")
         self._taking_off = Instant(now.ns + int(TAKE_OFF_S * NS_PER_S), now.clock)
-        self._stopped = now
         return Verdict(True, "taking off; stopped until resumed")
 
     def _takes_off(self, now: Instant) -> bool:
@@ -312,8 +314,9 @@ class Arbiter:
 
     def _latch(self, kind: LatchKind, reason: str) -> None:
         """Stop until an operator resumes; that the motors were cut is not forgotten before."""
-        if self.latched is None or self.latched.kind is not LatchKind.EMERGENCY:
-            self.latched = Latched(kind=kind, reason=reason)
+        if self.latched is not None and self.latched.kind is LatchKind.EMERGENCY:
+            kind, reason = self.latched.kind, self.latched.reason
+        self.latched = Latched(kind=kind, reason=reason, since=self._stopped)
         self._manual = self._pipeline = self._taking_off = None
 
 
