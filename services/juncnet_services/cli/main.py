@@ -1,5 +1,6 @@
 """`juncnet COMMAND ...`: dispatches to one module a command, imported only when it is called."""
 
+import errno
 import importlib
 import os
 import signal
@@ -60,6 +61,37 @@ def _end(number: int, _frame: FrameType | None) -> None:
     raise SystemExit(128 + number)
 
 
+REMEDIES = {
+    errno.EACCES: "you may not: name another place, or ask its owner",
+    errno.EROFS: "nothing can be written there: name another place",
+    errno.ENOENT: "is the path right?",
+    errno.ENOTDIR: "is the path right?",
+    errno.EISDIR: "name a file",
+    errno.ENOSPC: "make room, or name another place",
+}
+"""What helps when a file or folder could not be used."""
+INTERRUPTED = 128 + signal.SIGINT
+
+
+def _run(name: str, arguments: list[str]) -> int:
+    """Run a command; what ends it from outside, or a file that cannot be used, is one line."""
+    # A module that serves several commands is told which one it is.
+    shared = [m for m, _ in COMMANDS.values()].count(COMMANDS[name][0]) > 1
+    try:
+        module = importlib.import_module(f"juncnet_services.cli.{COMMANDS[name][0]}")
+        return module.main(arguments if shared else arguments[1:])
+    except KeyboardInterrupt:
+        print(f"\njuncnet {name}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except OSError as error:
+        if error.filename is None:
+            raise
+        text = f"juncnet {name}: {error.filename}: {error.strerror}"
+        remedy = REMEDIES.get(error.errno or 0)
+        print(f"{text}: {remedy}" if remedy else text, file=sys.stderr)
+        return 1 if error.errno == errno.ENOSPC else 2
+
+
 def main() -> None:
     """Run the command named on the command line.
 
@@ -76,11 +108,8 @@ def main() -> None:
     if name not in COMMANDS:
         print(f"juncnet: there is no command {name!r}\n\n{_usage()}", file=sys.stderr)
         raise SystemExit(2)
-    module = importlib.import_module(f"juncnet_services.cli.{COMMANDS[name][0]}")
-    # A module that serves several commands is told which one it is.
-    shared = [m for m, _ in COMMANDS.values()].count(COMMANDS[name][0]) > 1
     try:
-        raise SystemExit(module.main(arguments if shared else arguments[1:]))
+        raise SystemExit(_run(name, arguments))
     except BaseException:
         if not _received:
             raise
