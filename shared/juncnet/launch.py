@@ -8,6 +8,7 @@ import contextlib
 import json
 import logging
 import os
+import re
 import signal
 import sys
 import time
@@ -153,7 +154,7 @@ def connect(
     try:
         bus = ZenohBus(settings, flight, service, NOWHERE, frames, remote)
     except zenoh.ZError as error:
-        raise ConnectionError(f"{target}: {error}") from error
+        raise ConnectionError(f"{target}: {_unreached(error)}") from error
     deadline = time.monotonic() + timeout_s
     try:
         while not bus.connected:
@@ -164,6 +165,16 @@ def connect(
         bus.close()
         raise
     return bus
+
+
+def _unreached(error: zenoh.ZError) -> str:
+    """Return what Zenoh says for whoever dialled: without where in its source it says so."""
+    if "Unable to connect" in str(error):
+        return (
+            "no router lets this program in: does the flight run, is this the address that"
+            " `juncnet up` printed, and do the certificates, if any, belong to it?"
+        )
+    return re.sub(r" at /\S+\.rs:\d+", "", str(error))
 
 
 def remote_settings(options: LinksOptions, folder: Path | None = None) -> RemoteSettings | None:
