@@ -23,15 +23,22 @@ def asset(name: str) -> Path:
     for place in places:
         if rest and (place / rest).exists():
             return place / rest
-    there = sorted({p.name for d in places if d.is_dir() for p in d.iterdir() if p.name[0] != "."})
+    kind = Path(rest).suffix or None
+    files = {p for d in places if d.is_dir() for p in d.iterdir() if p.name[0] != "."}
+    there = sorted({p.name for p in files if kind in (None, p.suffix)})
     raise FileNotFoundError(f"no {name!r} among {folder}: {', '.join(there) or 'none'}")
 
 
-def asset_path(name: str, folder: str, suffix: str) -> Path:
+def asset_path(name: str | Path, folder: str, suffix: str) -> Path:
     """Return `name` itself if it is a file, else the asset that is called so in short or in full.
+
+    FileNotFoundError, as of `asset`: there is neither.
 
     `asset_path("local", "layouts", ".toml")` finds `layouts/local.toml`.
     """
     if Path(name).is_file():
         return Path(name)
+    name = str(name)
+    if name.startswith(("/", ".", "~")):
+        raise FileNotFoundError(f"{name}: there is no such file")
     return asset(f"{folder}/{name.removesuffix(suffix).removeprefix(folder + '/')}{suffix}")

@@ -334,6 +334,12 @@ def test_missions_that_come_with_the_product_are_valid() -> None:
         load_mission("no_such_mission")
 
 
+def test_a_mission_may_be_json(tmp_path: Path) -> None:
+    path = tmp_path / "own.json"
+    path.write_text('{"name": "own", "turns": [{"at": 2, "turn": "left"}], "finish_after": 3}')
+    assert load_mission(path).turns[0].at == 2
+
+
 @pytest.mark.parametrize(
     ("scores", "fell_at"),
     [
