@@ -54,6 +54,20 @@ def test_an_emergency_asks_twice(answers: list[str], monkeypatch: pytest.MonkeyP
     assert next(replies, None) is None
 
 
+def test_an_emergency_that_nobody_confirms_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    def closed(question: str) -> str:
+        raise EOFError(question)
+
+    monkeypatch.setattr("builtins.input", closed)
+    assert main(["emergency", "--flight", "/nowhere"]) == 1
+
+
+def test_an_orders_help_is_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["stop", "--help"])
+    assert capsys.readouterr().out.startswith("usage: juncnet stop [-h]")
+
+
 class Vehicle(FakeBus):
     """Answers each order with the next of `answers`: what became of it, and why."""
 

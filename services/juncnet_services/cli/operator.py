@@ -23,6 +23,7 @@ from juncnet.launch import DEFAULT_ROBOT, connect
 from juncnet.messages import Ack, Override, OverrideKind, Stamp
 from juncnet.topics import COMMAND_ACK, COMMAND_OVERRIDE
 from juncnet_services.cli.local_flights import flights_to_order
+from juncnet_services.cli.ranges import positive
 from juncnet_services.command_output.arbiter import AGE_UNKNOWN
 
 KINDS = {
@@ -81,10 +82,11 @@ def _ordered(
 
 def confirmed() -> bool:
     """Return whether the operator has confirmed an emergency, twice."""
-    words = ("EMERGENCY", "CUT")
-    return all(
-        input(question).strip() == word for question, word in zip(CONFIRMATIONS, words, strict=True)
-    )
+    asked = zip(CONFIRMATIONS, ("EMERGENCY", "CUT"), strict=True)
+    try:
+        return all(input(question).strip() == word for question, word in asked)
+    except EOFError:  # nobody is there to answer
+        return False
 
 
 class WhichFlightError(Exception):
@@ -142,11 +144,12 @@ def add_link_options(parser: argparse.ArgumentParser) -> None:
 
 def main(argv: list[str]) -> int:
     """Run `argv`, the order and its options; return 0 when it was obeyed, else 1."""
-    parser = argparse.ArgumentParser(prog="juncnet", description=__doc__)
-    parser.add_argument("order", choices=KINDS)
+    parser = argparse.ArgumentParser(prog=f"juncnet {argv[0]}", description=__doc__)
     add_link_options(parser)
-    parser.add_argument("--timeout", type=float, default=3.0, metavar="SECONDS")
-    options = parser.parse_args(argv)
+    parser.add_argument(
+        "--timeout", type=positive, default=3.0, metavar="SECONDS", help="for the answer (3)"
+    )
+    options = parser.parse_args(argv[1:], argparse.Namespace(order=argv[0]))
     try:
         if options.order == "stop" and options.flight is None:
             return stop_all(running_targets(options.robot), options)
