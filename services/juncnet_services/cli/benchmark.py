@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from juncnet_services.cli.provenance import provenance
+from juncnet_services.cli.ranges import make_room_for, positive, whole, why
 from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
@@ -29,10 +30,14 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("set", choices=("mnist", "cifar10"))
     parser.add_argument("data", type=Path, metavar="DIR|FILE")
     parser.add_argument("--recipe", choices=("paper", "tuned"), default="tuned")
-    parser.add_argument("--epochs", type=float, help="fewer than the recipe's (said in the table)")
+    parser.add_argument(
+        "--epochs", type=positive, help="fewer than the recipe's (said in the table)"
+    )
     parser.add_argument("--seeds", default="0", help="for instance 0,1,2 (default 0)")
-    parser.add_argument("--limit", type=int, metavar="N", help="use N pictures only, for trials")
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument(
+        "--limit", type=whole(2), metavar="N", help="use N pictures only, for trials"
+    )
+    parser.add_argument("--threads", type=whole(1), default=1)
     parser.add_argument("--checkpoints", type=Path, help="default: in the user's cache")
     parser.add_argument("--out", type=Path, help="default: models/benchmark-SET.json")
     parser.add_argument("--json", action="store_true", help="print the report as one object")
@@ -70,21 +75,29 @@ def main(argv: list[str]) -> int:
         settings = Settings(
             name=options.recipe,
             recipe=recipe,
-            seeds=tuple(int(seed) for seed in options.seeds.split(",")),
+            seeds=_seeds(options.seeds),
             checkpoints=options.checkpoints or cache_directory() / "benchmark",
         )
         load = load_mnist if options.set == "mnist" else load_cifar10
         images = load(options.data).limited(options.limit)
         report = _report(out, images.name)
+        make_room_for(out)
         row = run_row(images, settings, _command(options), progress)
     except (ImageSetError, CheckpointError, ValueError) as error:
-        print(f"juncnet benchmark: {error}", file=sys.stderr)
+        print(f"juncnet benchmark: {why(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("juncnet benchmark: interrupted; the same command goes on", file=sys.stderr)
         return 1
     _write(report.with_row(row), out, options.json)
     return 0
+
+
+def _seeds(text: str) -> tuple[int, ...]:
+    seeds = text.split(",")
+    if not all(map(str.isdecimal, seeds)):
+        raise ValueError(f"--seeds {text}: write them as 0,1,2")
+    return tuple(map(int, seeds))
 
 
 def _command(options: argparse.Namespace) -> str:

@@ -19,6 +19,7 @@ from juncnet.layout import SAVED, LayoutError, load_layout
 from juncnet.priority import give_way
 from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.local_flights import running_flights
+from juncnet_services.cli.ranges import port
 from juncnet_services.dashboard import NICENESS
 from juncnet_services.dashboard.access import Right, new_address
 from juncnet_services.dashboard.board import Board, listen
@@ -96,7 +97,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
         metavar="HOST:PORT|DIR",
         help="a gateway or a flight directory; repeatable (default: all flights on this host)",
     )
-    parser.add_argument("--port", type=int, help="on the loopback interface (default: a free one)")
+    parser.add_argument("--port", type=port, help="on the loopback interface (default: a free one)")
     parser.add_argument("--view-only", action="store_true", help="the page cannot command")
     parser.add_argument("--layout", help="whose options count (default: the flight's)")
     parser.add_argument(

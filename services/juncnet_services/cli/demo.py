@@ -39,6 +39,7 @@ from juncnet.topics import (
     health_topic,
 )
 from juncnet_services.cli.judge import Judge, Plan, Summary
+from juncnet_services.cli.ranges import positive, whole
 from juncnet_services.cli.supervise import Supervisor
 from juncnet_services.cli.view import Watched, event_text, render
 from juncnet_services.dashboard.service import Config as PageConfig
@@ -256,10 +257,10 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="juncnet demo", description=__doc__)
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--world", choices=WORLD_NAMES, help="a named world")
-    where.add_argument("--seed", type=int, default=1, help="a random world (default 1)")
+    where.add_argument("--seed", type=whole(0), default=1, help="a random world (default 1)")
     parser.add_argument("--mission", type=Path, help="TOML or JSON file; default: planned")
     parser.add_argument("--vehicle", choices=tuple(LAYOUTS), default="copter")
-    parser.add_argument("--for", type=float, dest="limit", metavar="SECONDS", help="end after")
+    parser.add_argument("--for", type=positive, dest="limit", metavar="SECONDS", help="end after")
     parser.add_argument("--headless", action="store_true", help="no live view; events as lines")
     parser.add_argument("--json", action="store_true", help="print the summary as one object")
     parser.add_argument(

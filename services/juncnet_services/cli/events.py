@@ -16,6 +16,7 @@ from juncnet.launch import connect
 from juncnet.messages import JunctionEvent
 from juncnet.topics import JUNCTION_EVENT
 from juncnet_services.cli.local_flights import running_flights
+from juncnet_services.cli.ranges import positive
 from juncnet_services.cli.view import event_text
 
 CAPACITY = 256
@@ -82,7 +83,7 @@ def main(argv: list[str]) -> int:
         metavar="HOST:PORT|DIR",
         help="a gateway or a flight directory (default: the newest flight on this host)",
     )
-    parser.add_argument("--for", type=float, dest="limit", metavar="SECONDS", help="end after")
+    parser.add_argument("--for", type=positive, dest="limit", metavar="SECONDS", help="end after")
     options = parser.parse_args(argv)
     until_s = float("inf") if options.limit is None else time.monotonic() + options.limit
     try:

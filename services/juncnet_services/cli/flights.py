@@ -26,6 +26,7 @@ from juncnet.layout import LayoutError
 from juncnet_services.cli.demo import Demo, prepare
 from juncnet_services.cli.judge import Summary
 from juncnet_services.cli.provenance import Provenance, provenance
+from juncnet_services.cli.ranges import make_room_for, whole
 
 LOWEST_SEED, SEEDS = 10_000, 990_000
 VOID_REPEATS = 2
@@ -248,7 +249,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("--seeds", help="for instance 1-20 or 3,7,30-32")
     which.add_argument("--commit", metavar="HASH", help="seeds that follow from a commit's hash")
-    parser.add_argument("--count", type=int, default=20, help="with --commit (default 20)")
+    parser.add_argument("--count", type=whole(1), default=20, help="with --commit (default 20)")
     parser.add_argument("--vehicle", choices=("copter", "rover"), default="copter")
     parser.add_argument("--palette", help="colours other than the worlds' own")
     parser.add_argument("--simulated", action="store_true", help="in simulated time, one process")
@@ -285,6 +286,7 @@ def main(argv: list[str]) -> int:
         )
         if options.resume:
             report = report.model_copy(update={"flights": flown_before(out, report)})
+        make_room_for(out)
         done = {flight.seed for flight in report.flights}
         fly_one = fly_simulated if options.simulated else fly
         for seed in seeds:

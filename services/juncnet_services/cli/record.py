@@ -17,6 +17,7 @@ from juncnet.priority import give_way
 from juncnet.recording import MISSING
 from juncnet.zenoh_bus import ZenohBus
 from juncnet_services.cli.events import newest_flight
+from juncnet_services.cli.ranges import positive, whole
 
 POLL_S = 0.5
 
@@ -58,24 +59,20 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
         metavar="HOST:PORT|DIR",
         help="a gateway or a flight directory (default: the newest flight on this host)",
     )
-    parser.add_argument("--split-mb", type=int, default=1000, help="size of a file (default 1000)")
+    parser.add_argument(
+        "--split-mb", type=whole(1), default=1000, help="size of a file (default 1000)"
+    )
     parser.add_argument("--no-video", action="store_true", help="leave camera/frame out")
     parser.add_argument(
         "--max-width",
-        type=_width,
+        type=whole(2, 16384),
         default=960,
         metavar="PX",
         help="of video that is encoded here; a camera's own stays as it is (default 960)",
     )
     parser.add_argument("--features", action="store_true", help="record radon/features too")
-    parser.add_argument("--for", type=float, dest="limit", metavar="SECONDS", help="end after")
+    parser.add_argument("--for", type=positive, dest="limit", metavar="SECONDS", help="end after")
     return parser.parse_args(argv)
-
-
-def _width(text: str) -> int:
-    if not text.isdecimal() or not 2 <= int(text) <= 16384:
-        raise argparse.ArgumentTypeError(f"{text}: needs 2 to 16384 pixels")
-    return int(text)
 
 
 def _stop_when_over(bus: ZenohBus, flight: Path, limit_s: float | None) -> None:

@@ -20,6 +20,7 @@ from juncnet_services.cli.demo import START_S, Demo, prepare
 from juncnet_services.cli.flights import write_report
 from juncnet_services.cli.judge import Summary
 from juncnet_services.cli.provenance import Provenance, provenance
+from juncnet_services.cli.ranges import make_room_for, positive, whole
 from juncnet_services.cli.strikes import VICTIMS, Strike, Striker
 
 PERIOD_S = 8.0
@@ -159,12 +160,14 @@ def markdown(soak: Soak) -> str:
 def arguments(argv: list[str]) -> argparse.Namespace:
     """Return the parsed command line."""
     parser = argparse.ArgumentParser(prog="juncnet soak", description=__doc__)
-    parser.add_argument("--passes", type=int, default=100, help="junctions to pass (default 100)")
+    parser.add_argument(
+        "--passes", type=whole(1), default=100, help="junctions to pass (default 100)"
+    )
     parser.add_argument("--kill", action="store_true", help="kill processes in mid-flight")
     parser.add_argument(
-        "--period", type=float, default=PERIOD_S, metavar="SECONDS", help="of kills"
+        "--period", type=positive, default=PERIOD_S, metavar="SECONDS", help="of kills"
     )
-    parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--first-seed", type=whole(0), default=1)
     parser.add_argument("--vehicle", choices=("copter", "rover"), default="copter")
     parser.add_argument("--out", type=Path, default=Path("models/soak.json"))
     parser.add_argument(
@@ -181,6 +184,7 @@ def main(argv: list[str]) -> int:
     )
     seed, fruitless = options.first_seed, 0
     try:
+        make_room_for(options.out)
         while soak.passes < options.passes and fruitless < FRUITLESS:
             flown = fly(options.vehicle, seed, options.kill, options.period, options.set)
             seed += 1

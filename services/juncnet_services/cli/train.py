@@ -15,6 +15,8 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from juncnet.assets import asset_path
+from juncnet_services.cli.ranges import make_room_for, positive, whole, why
 from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
@@ -36,14 +38,16 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("data", nargs="+", type=Path, metavar="DATA")
     parser.add_argument("--preset", choices=("paper", "tuned", "robust"), default="robust")
-    parser.add_argument("--from", dest="start", type=Path, metavar="MODEL", help="go on from it")
+    parser.add_argument(
+        "--from", dest="start", metavar="MODEL", help="go on from it: a file, or a shipped one"
+    )
     parser.add_argument("--out", type=Path, default=Path("my-juncnet.onnx"), metavar="FILE.onnx")
     parser.add_argument("--name", help="of the model (default: the file's)")
     parser.add_argument(
         "--watch", type=Path, metavar="DATA", help="judge it along the way; it decides nothing"
     )
-    parser.add_argument("--epochs", type=float, help="instead of the preset's")
-    parser.add_argument("--rate", type=float, help="learning rate, instead of the preset's")
+    parser.add_argument("--epochs", type=positive, help="instead of the preset's")
+    parser.add_argument("--rate", type=positive, help="learning rate, instead of the preset's")
     parser.add_argument(
         "--augmentation", type=float, metavar="X", help="0 to 2, instead of the preset's"
     )
@@ -54,7 +58,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
         help="with --from: how often an epoch sees the pictures that MODEL is wrong about",
     )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--threads", type=whole(1), default=2)
     parser.add_argument("--resume", action="store_true", help="go on where it was interrupted")
     parser.add_argument("--int8", action="store_true", help="store large weights as int8")
     return parser.parse_args(argv)
@@ -73,6 +77,8 @@ def main(argv: list[str]) -> int:
         from juncnet.modelfile import ModelFileError
     torch.set_num_threads(options.threads)
     try:
+        if options.start is not None:
+            options.start = asset_path(options.start, "models", ".onnx")
         order = Order(
             recipe=_recipe(options),
             seed=options.seed,
@@ -81,13 +87,20 @@ def main(argv: list[str]) -> int:
             start=options.start,
             int8=options.int8,
         )
-        order.out.parent.mkdir(parents=True, exist_ok=True)
+        make_room_for(order.out)
         datasets = [open_dataset(path) for path in options.data]
         interrupted = _Interrupt()
         watched = open_dataset(options.watch) if options.watch else None
         outcome = train(datasets, order, options.resume, _Progress(), interrupted.happened, watched)
-    except (DatasetError, WeightsError, CheckpointError, ModelFileError, ValueError) as error:
-        print(f"juncnet train: {error}", file=sys.stderr)
+    except (
+        DatasetError,
+        WeightsError,
+        CheckpointError,
+        ModelFileError,
+        ValueError,
+        FileNotFoundError,
+    ) as error:
+        print(f"juncnet train: {why(error)}", file=sys.stderr)
         return 2
     if not outcome.finished:
         print("\ninterrupted: the same command with --resume goes on", file=sys.stderr)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from juncnet_services.cli.provenance import provenance
+from juncnet_services.cli.ranges import make_room_for, positive, whole
 from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
@@ -51,12 +52,12 @@ def table_parser(command: str, description: str | None) -> argparse.ArgumentPars
         "--also", action="append", default=[], metavar="NAME=DATA", help="a further test set"
     )
     parser.add_argument("--name", help="of the data in tables (default: the folder's)")
-    parser.add_argument("--epochs", type=float, default=8.0, help="of every network (default 8)")
-    parser.add_argument("--limit", type=int, metavar="N", help="training pictures at most")
-    parser.add_argument("--test-limit", type=int, metavar="N", help="of every column at most")
+    parser.add_argument("--epochs", type=positive, default=8.0, help="of every network (default 8)")
+    parser.add_argument("--limit", type=whole(2), metavar="N", help="training pictures at most")
+    parser.add_argument("--test-limit", type=whole(2), metavar="N", help="of every column at most")
     parser.add_argument("--rows", help="only these, separated by semicolons")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--seed", type=whole(0), default=0)
+    parser.add_argument("--threads", type=whole(1), default=1)
     parser.add_argument("--resume", action="store_true", help="keep what the file has already")
     parser.add_argument("--checkpoints", type=Path, help="a folder, to go on in mid-training")
     parser.add_argument("--out", type=Path, help="default: in models/, named for the data")
@@ -100,6 +101,7 @@ def _fill(command: str, options: argparse.Namespace, plan: Plan) -> None:
     sets = judged_sets(parts, also, options.test_limit)
     preset = f"-{options.preset}" if "preset" in options else ""
     out: Path = options.out or Path("models") / f"{command}-{_data_name(options)}{preset}.json"
+    make_room_for(out)
     table = _table(command, options, parts, sets)
     table = _resumed(table, out, sets) if options.resume else table
     make = plan.begin(parts, sets)

@@ -21,6 +21,7 @@ from juncnet.radon_cache import load_reconstruction
 from juncnet.radon_geometry import Geometry
 from juncnet.radon_operator import Reconstruction
 from juncnet_services.cli.bench.figures import Figure, median, p99, show
+from juncnet_services.cli.ranges import whole
 
 F32 = NDArray[np.float32]
 SIZE, ANGLES, BATCH = 64, 180, 30
@@ -42,7 +43,7 @@ def main(argv: list[str]) -> int:
     """Measure and print; 0, whether targets are reached or not."""
     parser = argparse.ArgumentParser(prog="juncnet bench radon", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print a list of figures as JSON")
-    parser.add_argument("--repeats", type=int, default=200, help="measurements of each figure")
+    parser.add_argument("--repeats", type=whole(1), default=200, help="measurements of each figure")
     arguments = parser.parse_args(argv)
     options = Options(arguments.repeats, max(10, arguments.repeats // 5))
     figures = [*measure(False, options), *measure(True, options), *measure_astra(options)]

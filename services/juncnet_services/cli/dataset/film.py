@@ -30,10 +30,12 @@ from juncnet.learning.footage.drives import (
 )
 from juncnet.learning.footage.intervals import FootageError, Interval, write_intervals
 from juncnet.learning.footage.writer import write_atomically
+from juncnet.simulation.palettes import palette_named
 from juncnet.simulation.render import Renderer
 from juncnet.simulation.towns import make_style
 from juncnet.simulation.truth import GroundTruth
 from juncnet.simulation.world import World
+from juncnet_services.cli.ranges import whole, why
 from juncnet_services.simulator.setup import Config, make_camera, make_world
 
 BEFORE_M, AFTER_M = 42.0, 20.0
@@ -142,12 +144,14 @@ def main(argv: list[str]) -> int:
             width=options.height * 16 // 9 // 2 * 2,
             height=options.height,
         )
+        if config.palette:
+            palette_named(config.palette)
         film = Film(config, options.fps, options.name_junctions)
         drives = chosen_drives(
             film.world, film.camera, options.seed, options.junctions, options.skip, options.roads
         )
     except (FootageError, ValueError) as error:
-        print(f"juncnet dataset film: {error}", file=sys.stderr)
+        print(f"juncnet dataset film: {why(error)}", file=sys.stderr)
         return 2
     intervals: list[Interval] = []
     for day in range(options.first_day, options.first_day + options.days):
@@ -168,16 +172,16 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--seed", type=int, required=True, help="of the town, as for `juncnet demo`")
+    add("--seed", type=whole(0), required=True, help="of the town, as for `juncnet demo`")
     add("--out", type=Path, required=True, metavar="DIR", help="a new folder")
-    add("--junctions", type=int, default=3, metavar="N", help="junctions filmed (3)")
-    add("--roads", type=int, default=3, metavar="N", help="plain roads filmed (3)")
-    add("--skip", type=int, default=0, metavar="N", help="leave out the first N of each")
-    add("--days", type=int, default=2, metavar="N", help="drives over the same way (2)")
-    add("--first-day", type=int, default=0, metavar="N", help="number of the first day (0)")
+    add("--junctions", type=whole(0), default=3, metavar="N", help="junctions filmed (3)")
+    add("--roads", type=whole(0), default=3, metavar="N", help="plain roads filmed (3)")
+    add("--skip", type=whole(0), default=0, metavar="N", help="leave out the first N of each")
+    add("--days", type=whole(1), default=2, metavar="N", help="drives over the same way (2)")
+    add("--first-day", type=whole(0), default=0, metavar="N", help="number of the first day (0)")
     add("--palette", help="colours other than the town's own, as simulator.palette")
-    add("--height", type=int, default=720, metavar="PX", help="of the pictures, 16:9 (720)")
-    add("--fps", type=int, default=25, metavar="N", help="pictures a second (25)")
+    add("--height", type=whole(36), default=720, metavar="PX", help="of the pictures, 16:9 (720)")
+    add("--fps", type=whole(1), default=25, metavar="N", help="pictures a second (25)")
     add(
         "--name-junctions",
         action="store_true",

@@ -20,6 +20,7 @@ from juncnet_services.cli.dataset.clips import site_of
 from juncnet_services.cli.dataset.label_server import LabelServer
 from juncnet_services.cli.dataset.labelling import Labelling
 from juncnet_services.cli.dataset.videos import Video, clip_names, videos_in
+from juncnet_services.cli.ranges import port
 
 MOST_CLASSES = 9
 
@@ -97,6 +98,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--classes", default="none,junction", help="in the order of the keys 1, 2, ...")
     add("--out", type=Path, metavar="FILE", help="(default: labels.csv beside the videos)")
     add("--site-from", metavar="REGEX", help="its first group in a clip's name is the clip's site")
-    add("--port", type=int, default=0, help="of the page (any free one)")
+    add("--port", type=port, default=0, help="of the page (any free one)")
     add("--open", action=argparse.BooleanOptionalAction, help="open a browser (where there is one)")
     return parser

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from juncnet_services.cli.ranges import why
 from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def main(argv: list[str]) -> int:
         _claim(options.folder, _decisive(options, shards[0]))
         _make([shard for shard in shards if not shard.path.exists()], options.processes)
     except (ValueError, OSError) as error:
-        print(f"juncnet dataset synthesise: {error}", file=sys.stderr)
+        print(f"juncnet dataset synthesise: {why(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\ninterrupted: the same command goes on", file=sys.stderr)
@@ -152,6 +153,8 @@ def _claim(folder: Path, decisive: dict[str, object]) -> None:
         ValueError: there are shards that were made with other options, or nobody knows which.
     """
     path = folder / OPTIONS
+    if not path.exists() and any(folder.iterdir()) and not any(folder.glob("*.npz")):
+        raise ValueError(f"{folder} has other files in it: name a new folder")
     if not any(folder.glob("*.npz")):
         path.write_text(json.dumps(decisive, indent=1) + "\n", encoding="utf-8")
         return
