@@ -19,6 +19,8 @@ REFUSED = [
     ("dataset.film", ["--seed", "1", "--out", "{}/f", "--junctions", "-1"], "at least 0"),
     ("dataset.film", ["--seed", "1", "--out", "{}/f", "--palette", "no"], "'no' is none of"),
     ("dataset.film", ["--seed", "1", "--out", "{}/f", "--height", "37"], "film: height: Input"),
+    ("train", ["{}", "--epochs", "-1"], "-1: give a number above 0"),
+    ("compare", ["{}", "--limit", "0"], "0: give a whole number, at least 2"),
     ("dataset.synthesise", ["{}", "--pictures", "10"], "has other files in it"),
 ]
 

@@ -131,7 +131,7 @@ def test_a_curve_of_nothing_watched_is_refused(
     ("arguments", "said"),
     [
         (["nowhere"], "no such folder"),
-        (["d", "--epochs", "-1"], "epochs"),
+        (["d", "--int8", "--seed", "0", "--augmentation", "-1"], "augmentation: Input should"),
         (["d", "--from", "gone.onnx"], "gone.onnx"),
         (["d", "--repeat-wrong", "3"], "--from MODEL"),
         (["d", "--augmentation", "3"], "augmentation"),

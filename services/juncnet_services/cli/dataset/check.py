@@ -12,7 +12,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import get_args
 
 import cv2
@@ -152,8 +152,8 @@ def _write_sheets(contents: Contents, unreadable: set[int], sheets: Path) -> lis
 
 
 def _caption(row: Row) -> str:
-    site = row.site or row.clip
-    return site if math.isnan(row.time_s) else f"{site}  {row.time_s:.1f} s"
+    clip = str(PurePath(row.clip).with_suffix("")) if row.clip else row.site
+    return clip if math.isnan(row.time_s) else f"{clip}  {row.time_s:.1f} s"
 
 
 def text(directory: Path, samples: Sequence[Row], report: Report) -> str:

@@ -122,4 +122,5 @@ def draw(comparison: Comparison, path: Path, title: str) -> None:
             fontsize=8,
         )
         axes.set(ylabel="balanced accuracy, %", ylim=(40, 100), title=title)
-        axes.legend(fontsize=8, loc="upper left")
+        # Outside: wherever bars and intervals may be, there is no free place among them.
+        axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -68,11 +68,12 @@ def _reliability(axes: Any, scores: Scores) -> None:
     axes.set(
         xlabel="confidence",
         xlim=(1 / len(scores.classes) - 0.05, 1.02),
-        ylim=(0, 1.02),
+        ylim=(0, 1.18),
+        yticks=np.linspace(0, 1, 6),
         title=f"calibration, ECE {100 * scores.calibration_error:.1f} %",
     )
     axes.grid(alpha=0.3)
-    axes.legend(loc="upper left")
+    axes.legend(loc="upper center", ncols=2)  # above the highest accuracy
 
 
 def _confusion(axes: Any, scores: Scores) -> None:
