@@ -104,6 +104,8 @@ def read_flight(directory: Path) -> Flight:
     Raises:
         FileNotFoundError: there is none.
     """
+    if not (directory / SAVED_AS).is_file():
+        raise FileNotFoundError(f"{directory} is no flight's directory: it has no {SAVED_AS}")
     fields = json.loads((directory / SAVED_AS).read_text())
     return Flight(
         str(fields["id"]), directory.absolute(), str(fields["robot"]), tuple(fields["processes"])

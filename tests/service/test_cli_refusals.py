@@ -21,6 +21,7 @@ REFUSED = [
     ("dataset.film", ["--seed", "1", "--out", "{}/f", "--height", "37"], "film: height: Input"),
     ("train", ["{}", "--epochs", "-1"], "-1: give a number above 0"),
     ("compare", ["{}", "--limit", "0"], "0: give a whole number, at least 2"),
+    ("bench", ["nope"], "usage: juncnet bench NAME"),
     ("dataset.synthesise", ["{}", "--pictures", "10"], "has other files in it"),
 ]
 

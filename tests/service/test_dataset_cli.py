@@ -120,7 +120,7 @@ def test_an_interval_file_labels_clips_and_splits_by_site(
         ("clip,from,to,class\na.mp4,0,1,none\n", ["--labels", "{}/labels.csv"], "two classes"),
         ("clip,from,to\n", ["--labels", "{}/labels.csv"], "no column class"),
         (None, ["{}", "--shares", "1"], "three numbers"),
-        (None, ["{}", "--site-from", "("], "unterminated"),
+        (None, ["{}", "--site-from", "("], "--site-from '(' is no regular expression"),
         (
             "clip,from,to,class\na.mp4,0,1,none\n",
             ["--labels", "{}/labels.csv", "--height", "0"],
@@ -152,6 +152,16 @@ def test_wrong_input_is_named(
     assert dataset.main(["extract", *filled, "--out", str(tmp_path / "set")]) == 2
     assert says in capsys.readouterr().err
     assert not (tmp_path / "set").exists() or not any((tmp_path / "set").iterdir())
+
+
+def test_names_of_a_split_are_checked_before_anything_is_decoded(
+    footage: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    extract = ["extract", str(footage), "--out", str(tmp_path / "set")]
+    assert dataset.main([*extract, "--test", "nowhere*"]) == 2
+    told = capsys.readouterr()
+    assert "no site or clip is called 'nowhere*'" in told.err
+    assert not told.out
 
 
 def test_class_folders_are_checked_before_anything_is_decoded(

@@ -69,6 +69,7 @@ def test_certificates_of_another_role_and_none_at_all(folder: Path) -> None:
     found = only(links.certificates(missing, NOW))
     assert found.level is Level.FAILURE
     assert "deploy/certificates" in found.remedy
+    assert "deploy/certificates" not in found.text
     assert "any local user" in only(links.certificates(layout("local"), NOW)).text
     free = "links.allow_anyone_on_the_network_to_fly_this_robot=true"
     found = only(links.certificates(layout("local", free), NOW))
@@ -256,7 +257,9 @@ def test_the_command_says_all_and_its_code_says_whether_to_fly(
         assert (lost / name).exists()
     (lost / KEY).chmod(0o644)
     assert main(["laptop", "--set", f"links.certificates={lost}"]) == 1
-    assert "chmod 600" in capsys.readouterr().out
+    assert "-> chmod 600" in capsys.readouterr().out
+    assert main(["local", "--flight", str(lost)]) == 2
+    assert "is no flight's directory" in capsys.readouterr().err
 
 
 def test_findings_are_lines_for_people() -> None:

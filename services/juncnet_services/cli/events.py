@@ -69,7 +69,8 @@ def newest_flight(robot: str | None) -> Path:
     """
     running = running_flights(None if robot == "*" else robot)
     if not running:
-        raise FileNotFoundError("no flight runs here: start one, or name one with --connect")
+        whose = "" if robot in (None, "*") else f" of robot {robot}"
+        raise FileNotFoundError(f"no flight{whose} runs here: start one, or name one by --connect")
     return running[-1].directory
 
 

@@ -20,7 +20,7 @@ from juncnet.learning.footage.intervals import SPLITS, FootageError, classes_of,
 from juncnet.learning.footage.leaks import twins_across
 from juncnet.learning.footage.likeness import F32, NEAR_DUPLICATE, Novelty, descriptor
 from juncnet.learning.footage.pixels import as_stored, jpeg
-from juncnet.learning.footage.sides import Rules, sides, within
+from juncnet.learning.footage.sides import Rules, clips_asked_for, sides, within
 from juncnet.learning.footage.splits import FRACTIONS, parse_shares
 from juncnet.learning.footage.writer import DatasetWriter
 from juncnet_services.cli.dataset.clips import Clip, clips_by_folders, clips_by_intervals
@@ -60,6 +60,7 @@ class Extraction:
             FootageError: as `add` and `finish`.
         """
         _classes(label for clip in clips for label in _labels(clip))
+        clips_asked_for({(clip.name, clip.site) for clip in clips}, rules)
         try:
             for number, clip in enumerate(clips, 1):
                 print(f"{number}/{len(clips)} {clip.name}: {self.add(clip)} frames", flush=True)
@@ -142,11 +143,18 @@ def _classes(found: Iterable[str]) -> tuple[str, ...]:
     return classes_of(labels)
 
 
+def _check_pattern(pattern: str | None) -> None:
+    try:
+        re.compile(pattern or "")
+    except re.error as error:
+        raise FootageError(f"--site-from {pattern!r} is no regular expression: {error}") from error
+
+
 def main(argv: list[str]) -> int:
     """Extract frames; 2 when something given is wrong."""
     options = _parser().parse_args(argv)
     try:
-        re.compile(options.site_from or "")
+        _check_pattern(options.site_from)
         rules = Rules(
             split_by="frame" if options.seen_sites else options.split_by,
             shares=parse_shares(options.shares),
@@ -170,7 +178,7 @@ def main(argv: list[str]) -> int:
         command = shlex.join(["juncnet", "dataset", "extract", *argv])
         extraction = Extraction(options.out, sampling)
         extraction.run(clips, rules, options.limit, command)
-    except (FootageError, re.error) as error:
+    except FootageError as error:
         print(f"juncnet dataset extract: {error}", file=sys.stderr)
         return 2
     rows = extraction.writer.rows

@@ -36,7 +36,8 @@ def certificates(layout: Layout, now: datetime) -> Iterator[Finding]:
     try:
         identity = read_identity(folder)
     except IdentityError as error:
-        yield failure(about, str(error), MAKE)
+        text, _, remedy = str(error).rpartition(": ")
+        yield failure(about, text, remedy)
         return
     wanted = Role.NAVIGATION if layout.links.vehicle is not None else Role.DRONE
     if identity.role is not wanted:

@@ -1,7 +1,7 @@
 """From samples and a user's rules to the split of every sample."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -73,21 +73,37 @@ def _fixed_clips(samples: Sequence[Row], rules: Rules) -> dict[str, Split]:
     for s in samples:
         if s.split and fixed.setdefault(s.clip, s.split) != s.split:
             raise FootageError(f"{s.clip} is asked for in {fixed[s.clip]} and in {s.split}")
-    names = sorted({(s.clip, s.site) for s in samples})
+    for split, clips in clips_asked_for({(s.clip, s.site) for s in samples}, rules):
+        for clip in clips:
+            if fixed.setdefault(clip, split) != split:
+                raise FootageError(f"{clip} is asked for in {fixed[clip]} and in {split}")
+    return fixed
+
+
+def clips_asked_for(
+    there: Iterable[tuple[str, str]], rules: Rules
+) -> list[tuple[Split, list[str]]]:
+    """Return for every name in the rules its split and the clips that it means.
+
+    `there` are clips with their sites.
+
+    Raises:
+        FootageError: a name means none of them.
+    """
+    names = sorted(there)
     asked: dict[Split, tuple[str, ...]] = {
         "train": rules.train,
         "validation": rules.validation,
         "test": rules.test,
     }
+    found: list[tuple[Split, list[str]]] = []
     for split, patterns in asked.items():
         for pattern in patterns:
             matching = [c for c, site in names if _matches(pattern, c) or _matches(pattern, site)]
             if not matching:
                 raise FootageError(f"no site or clip is called {pattern!r} (asked for in {split})")
-            for clip in matching:
-                if fixed.setdefault(clip, split) != split:
-                    raise FootageError(f"{clip} is asked for in {fixed[clip]} and in {split}")
-    return fixed
+            found.append((split, matching))
+    return found
 
 
 def _matches(pattern: str, name: str) -> bool:
