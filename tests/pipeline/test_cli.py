@@ -122,6 +122,26 @@ def test_up_leaves_no_supervisor_behind_that_does_not_answer(
     assert not [p for p in psutil.process_iter() if conf in cmdline(p)]
 
 
+def test_up_tells_what_the_supervisor_said_before_it_had_a_log(
+    layout: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    head = supervise._HEAD.replace("[unix_http_server]", "[nonsense")  # pyright: ignore[reportPrivateUsage]
+    monkeypatch.setattr(supervise, "_HEAD", head)
+    began = time.monotonic()
+    assert up.main([str(layout)]) == 1
+    assert "nonsense" in capsys.readouterr().err
+    assert time.monotonic() - began < supervise.START_TIMEOUT_S / 2
+
+
+def test_a_module_of_the_working_directory_does_not_stand_in_for_pythons(
+    layout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "grp.py").write_text("raise ImportError('not this one')")
+    monkeypatch.chdir(tmp_path)
+    assert up.main([str(layout.resolve())]) == 0
+    assert down.main([]) == 0
+
+
 def cmdline(process: psutil.Process) -> list[str]:
     try:
         return process.cmdline()

@@ -13,6 +13,8 @@ from supervisor.xmlrpc import SupervisorTransport  # pyright: ignore[reportMissi
 
 CONF = "supervisord.conf"
 SOCKET = "supervisor.sock"
+SAID = "supervisord.said"
+"""What supervisord says before it has a log."""
 START_TIMEOUT_S = 20.0
 STOP_WAIT_S = 3
 SPELLED = {"#": "JUNCNET_HASH", ";": "JUNCNET_SEMICOLON", "\n": "JUNCNET_NEWLINE"}
@@ -134,24 +136,30 @@ class Supervisor:
         """
         conf = self.directory / CONF
         conf.write_text(configuration(self.directory, processes, arguments, foreground=foreground))
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "supervisor.supervisord", "-c", str(conf)],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-            env=os.environ | {variable: character for character, variable in SPELLED.items()},
-        )
+        said = self.directory / SAID
+        with said.open("wb") as errors:
+            self._process = subprocess.Popen(
+                # -P: no module of the user's folder stands in for one of Python's
+                [sys.executable, "-P", "-m", "supervisor.supervisord", "-c", str(conf)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                start_new_session=True,
+                env=os.environ | {variable: character for character, variable in SPELLED.items()},
+            )
         deadline = time.monotonic() + START_TIMEOUT_S
         while time.monotonic() < deadline:
             if self.running:
                 if not foreground:  # what we started has only started the supervisor, and ends
                     self._process.wait(START_TIMEOUT_S)
                 return
+            if self._process.poll():
+                break
             time.sleep(0.05)
         log = self.directory / "supervisord.log"
-        tail = log.read_text()[-2000:] if log.exists() else "it wrote no log"
-        raise RuntimeError(f"supervisord did not start in {START_TIMEOUT_S:.0f} s: {tail}")
+        told = (log if log.exists() else said).read_text(errors="replace")
+        tail = told[-2000:].strip() or "it wrote no log"
+        raise RuntimeError(f"supervisord did not start: {tail}")
 
     @property
     def running(self) -> bool:
