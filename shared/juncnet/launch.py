@@ -138,6 +138,8 @@ def connect(
             named, or the certificates cannot be used.
     """
     service, remote = f"cli-{os.getpid()}", None
+    if not isinstance(target, Path):  # as `juncnet up` prints it
+        target = target.removeprefix("tls/").removeprefix("tcp/")
     if Path(target).is_dir():
         flight = read_flight(Path(target))
         if robot not in (None, flight.robot):

@@ -249,6 +249,8 @@ def test_a_tool_joins_by_the_flight_directory(flight: Flight) -> None:
         ConnectionError, match=r"^127\.0\.0\.1:9: no router lets .* does the flight"
     ):
         connect("127.0.0.1:9")
+    with pytest.raises(ConnectionError, match=r"^127\.0\.0\.1:9: no router"):
+        connect("tls/127.0.0.1:9")
     with peers.started("talk", flight, "alpha"), connect(flight.directory, timeout_s=10) as tool:
         assert tool.robot == flight.robot
         assert tool.subscribe(t.COMMAND_VELOCITY).take(10.0) is not None

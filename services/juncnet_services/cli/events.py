@@ -78,7 +78,9 @@ def main(argv: list[str]) -> int:
     """Print events until interrupted; 1 when there is no flight to listen to."""
     parser = argparse.ArgumentParser(prog="juncnet events", description=__doc__)
     parser.add_argument("--json", action="store_true", help="one object a line")
-    parser.add_argument("--robot", help="its name, or * for all (default: the flight's robot)")
+    parser.add_argument(
+        "--robot", help="its name, or * for all (default: the flight's robot; by a router: robot)"
+    )
     parser.add_argument(
         "--connect",
         metavar="HOST:PORT|DIR",

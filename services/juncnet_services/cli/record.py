@@ -53,7 +53,9 @@ def main(argv: list[str]) -> int:
 def _arguments(argv: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="juncnet record", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("recordings"), help="folder")
-    parser.add_argument("--robot", help="its name (default: the newest flight's)")
+    parser.add_argument(
+        "--robot", help="its name (default: the newest flight's; by a router: robot)"
+    )
     parser.add_argument(
         "--connect",
         metavar="HOST:PORT|DIR",
