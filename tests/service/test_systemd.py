@@ -144,6 +144,17 @@ def test_what_cannot_be_installed_is_said(
     assert "deploy/certificates" in capsys.readouterr().err
 
 
+def test_another_layout_is_not_installed_over_the_robots_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    installed(tmp_path, "drone")
+    before = files(tmp_path)
+    assert main(["install", "px4_copter", "--root", str(tmp_path)]) == 2
+    assert "correct its `extends`" in capsys.readouterr().err
+    assert files(tmp_path) == before
+    installed(tmp_path, "drone")
+
+
 def test_a_checkout_in_a_private_home_is_out_of_reach(tmp_path: Path) -> None:
     home = tmp_path / "home"
     (home / "juncnet").mkdir(parents=True)

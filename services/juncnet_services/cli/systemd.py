@@ -13,6 +13,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -47,9 +48,27 @@ def layout_text(layout: Layout, with_certificates: bool) -> str:
     """Return the text of the robot's own layout file, on top of the one that is installed."""
     links = f'\n[links]\ncertificates = "/{CONFIGURATION}/certificates"\n'
     return (
-        "# This robot's own options, on top of those of the layout below; see README.\n"
+        "# This robot's own options, on top of those of the layout below:\n"
+        "# see deploy/guides/vehicles.md.\n"
         f'extends = "{layout.path.resolve()}"\n' + (links if with_certificates else "")
     )
+
+
+def _check_base(own: Path, layout: Layout) -> None:
+    """LayoutError: the robot's own layout is on top of another one than is asked for."""
+    base = _toml(own).get("extends")
+    if base is not None and (own.parent / str(base)).resolve() != layout.path.resolve():
+        raise LayoutError(
+            f"{own} is on top of {base}, not of {layout.path.resolve()}: correct its `extends`,"
+            " or remove the file (juncnet service remove --purge)"
+        )
+
+
+def _toml(path: Path) -> dict[str, object]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise LayoutError(f"{path}: {error}") from error
 
 
 def install(layout: Layout, root: Path, python: str, certificates: Path | None) -> Iterator[Path]:
@@ -57,11 +76,12 @@ def install(layout: Layout, root: Path, python: str, certificates: Path | None) 
 
     Raises:
         IdentityError: the certificates cannot be used.
-        LayoutError: the robot's own layout file, which is kept, is wrong.
+        LayoutError: the robot's own layout file, which is kept, is wrong, or of another layout.
     """
     own = root / CONFIGURATION / "layout.toml"
     if not own.exists():
         yield _write(own, layout_text(layout, certificates is not None))
+    _check_base(own, layout)
     for name, text in unit_files(load_layout(own), python):
         yield _write(root / name, text)
     if certificates is not None:
