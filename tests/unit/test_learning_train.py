@@ -97,6 +97,7 @@ def test_the_command_trains_and_writes_model_card_and_curve(
     assert data["command"].startswith("juncnet train d --out mine.onnx")
     assert data["curve"][-1]["samples"] > 0
     assert 0 <= data["curve"][-1]["watched_auc"] <= 1
+    assert "| 0 | - |" in out.with_suffix(".md").read_text(), "no step, no loss"
     assert "1 of 6 sites held out" in out.with_suffix(".md").read_text()
     assert not out.with_suffix(".checkpoint").exists()
     picture = tmp_path / "auc.png"

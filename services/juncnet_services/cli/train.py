@@ -190,7 +190,8 @@ class _Progress:
         bar = "█" * round(24 * step / steps)
         last = curve[-1] if curve else None
         found = (
-            f"loss {last.loss:.3f}, balanced accuracy {100 * last.balanced_accuracy:.2f} %"
+            f"{f'loss {last.loss:.3f}, ' if last.samples else ''}"
+            f"balanced accuracy {100 * last.balanced_accuracy:.2f} %"
             if last
             else ""
         )

@@ -110,7 +110,9 @@ def draw_curve(curve: Sequence[Point], path: Path) -> None:
     with drawing(path, 6.0, 3.6) as figure:
         loss = figure.add_subplot()
         accuracy = loss.twinx()
-        loss.plot(seen, [point.loss for point in curve], color="tab:gray", marker=".")
+        learnt = [point for point in curve if point.samples]  # no step has been taken at 0
+        seen_then = [point.samples for point in learnt]
+        loss.plot(seen_then, [point.loss for point in learnt], color="tab:gray", marker=".")
         loss.set_xlabel("pictures seen in training")
         loss.set_ylabel("loss", color="tab:gray")
         loss.set_ylim(bottom=0)

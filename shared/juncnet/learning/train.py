@@ -226,8 +226,10 @@ def recipe_from(recipe: Recipe, start: Path) -> Recipe:
 
 def write_report(order: Order, outcome: Outcome, command: str) -> None:
     """Write the model's card and its curve as data beside it, `.md` and `.json`."""
+    losses = [f"{p.loss:.4f}" if p.samples else "-" for p in outcome.curve]
     rows = "\n".join(
-        f"| {p.samples} | {p.loss:.4f} | {100 * p.balanced_accuracy:.2f} % |" for p in outcome.curve
+        f"| {p.samples} | {loss} | {100 * p.balanced_accuracy:.2f} % |"
+        for p, loss in zip(outcome.curve, losses, strict=True)
     )
     metadata = _metadata_of(order.out)
     p, size = metadata.preprocessing, order.out.stat().st_size
