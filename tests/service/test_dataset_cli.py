@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 from av.video.frame import VideoFrame
-from numpy.typing import NDArray
 
 from juncnet.camera import CameraGeometry
 from juncnet.frames import Frame, FrameLayout
@@ -33,7 +32,6 @@ from juncnet.simulation.towns import named_world
 from juncnet.simulation.truth import GroundTruth
 from juncnet.topics import CAMERA_VIDEO, ROOT
 from juncnet_services.cli import dataset
-from juncnet_services.cli.dataset import check as check_command
 from juncnet_services.cli.dataset.film import write_video as write_i420
 from juncnet_services.cli.dataset.frames import FrameStore
 from juncnet_services.cli.dataset.videos import Video, videos_in, whole_frame
@@ -154,16 +152,6 @@ def test_wrong_input_is_named(
     assert not (tmp_path / "set").exists() or not any((tmp_path / "set").iterdir())
 
 
-def test_names_of_a_split_are_checked_before_anything_is_decoded(
-    footage: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    extract = ["extract", str(footage), "--out", str(tmp_path / "set")]
-    assert dataset.main([*extract, "--test", "nowhere*"]) == 2
-    told = capsys.readouterr()
-    assert "no site or clip is called 'nowhere*'" in told.err
-    assert not told.out
-
-
 def test_class_folders_are_checked_before_anything_is_decoded(
     footage: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -229,22 +217,6 @@ def test_check_tells_counts_and_writes_contact_sheets(
     assert sheet.shape[1] > 3 * 192
     assert dataset.main(["check", str(out), "--near-duplicate", "0"]) == 0
     assert "sound" in capsys.readouterr().out
-
-
-def test_a_contact_sheet_names_the_clip_of_every_picture(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out = make_set(tmp_path, capsys)
-    captions: list[str] = []
-
-    def note(title: str, pictures: list[Any], words: list[str]) -> NDArray[np.uint8]:
-        captions.extend(words)
-        return np.zeros((8, 8, 3), np.uint8)
-
-    monkeypatch.setattr(check_command, "contact_sheet", note)
-    dataset.main(["check", str(out), "--near-duplicate", "0"])
-    clips = {row.clip.removesuffix(".mp4") for row in rows_of(out)}
-    assert {caption.split("  ")[0] for caption in captions} == clips
 
 
 def test_check_names_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
