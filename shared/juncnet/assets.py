@@ -3,7 +3,7 @@
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parent / "assets"
-_CHECKOUT = Path(__file__).parents[2]
+CHECKOUT = Path(__file__).parents[2]
 _FOLDERS = {
     "models": "models",
     "layouts": "deploy/layouts",
@@ -19,7 +19,7 @@ def asset(name: str) -> Path:
         FileNotFoundError: there is none of this name; the text says which there are.
     """
     folder, _, rest = name.partition("/")
-    places = [_PACKAGE / folder, _CHECKOUT / _FOLDERS.get(folder, folder)]
+    places = [_PACKAGE / folder, CHECKOUT / _FOLDERS.get(folder, folder)]
     for place in places:
         if rest and (place / rest).exists():
             return place / rest

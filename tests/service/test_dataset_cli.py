@@ -13,6 +13,7 @@ import pytest
 from av.video.frame import VideoFrame
 
 from juncnet.camera import CameraGeometry
+from juncnet.extras import install_command
 from juncnet.frames import Frame, FrameLayout
 from juncnet.learning.datasets import (
     DatasetInfo,
@@ -182,7 +183,7 @@ def test_a_missing_package_names_its_extra(
     for name in ("extract", "videos"):
         monkeypatch.delitem(sys.modules, f"juncnet_services.cli.dataset.{name}", raising=False)
     assert dataset.main(["extract", "v", "--out", "o"]) == 2
-    assert "juncnet[laptop]" in capsys.readouterr().err
+    assert install_command("laptop") in capsys.readouterr().err
 
 
 def make_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:

@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from juncnet.access import Role
+from juncnet.extras import install_command
 from juncnet.identity import Identity, IdentityError, read_identity
 
 AUTHORITY = "authority"
@@ -60,9 +61,7 @@ def main(argv: list[str]) -> int:
         for line in make(options):
             print(line)
     except ModuleNotFoundError as error:
-        print(
-            f"juncnet certificates: {error}: pip install 'juncnet[certificates]'", file=sys.stderr
-        )
+        print(f"juncnet certificates: {error}: {install_command('certificates')}", file=sys.stderr)
         return 2
     except (ValueError, OSError) as error:
         print(f"juncnet certificates: {error}", file=sys.stderr)

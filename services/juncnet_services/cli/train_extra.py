@@ -4,6 +4,8 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 
+from juncnet.extras import install_command
+
 
 @contextmanager
 def needs_train(command: str) -> Generator[None]:
@@ -13,5 +15,5 @@ def needs_train(command: str) -> Generator[None]:
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("juncnet"):
             raise
-        print(f"{command} needs {error.name}: pip install 'juncnet[train]'", file=sys.stderr)
+        print(f"{command} needs {error.name}: {install_command('train')}", file=sys.stderr)
         raise SystemExit(2) from error

@@ -6,6 +6,8 @@ as `foxglove.CompressedVideo` and `foxglove.CompressedImage`, as viewers open th
 draw of other messages (a pose, a fix, a line of the log) is written beside them, for viewers only.
 """
 
+from juncnet.extras import install_command
+
 PAYLOAD = "/payload"
 """End of the name of a channel with the payloads of bulk messages."""
 FLIGHT_METADATA = "juncnet.flight"
@@ -13,4 +15,4 @@ FLIGHT_METADATA = "juncnet.flight"
 LAYOUT_ATTACHMENT = "layout.json"
 """Attachment: the layout with all its settings, as `juncnet.layout.load_layout` reads it."""
 SUFFIX = ".mcap"
-MISSING = "recordings need the extra [record]: pip install 'juncnet[record]'"
+MISSING = f"recordings need the extra [record]: {install_command('record')}"

@@ -3,6 +3,8 @@
 import importlib
 import sys
 
+from juncnet.extras import install_command
+
 COMMANDS = {
     "extract": ("extract", "frames from videos, labelled by folders or by intervals"),
     "label": ("label", "say what videos show: a page with one key a class"),
@@ -34,7 +36,7 @@ def main(argv: list[str]) -> int:
     except ModuleNotFoundError as error:
         if error.name not in OUTSIDE:
             raise
-        text = f"it needs {error.name}, of the extra [laptop]: pip install 'juncnet[laptop]'"
+        text = f"it needs {error.name}, of the extra [laptop]: {install_command('laptop')}"
         print(f"juncnet dataset {argv[0]}: {text}", file=sys.stderr)
         return 2
     answer: int = module.main(argv[1:])

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from juncnet.learning.footage.intervals import FootageError
+from juncnet.recording import MISSING
 
 
 def write_stream(recording: Path, out: Path) -> Sequence[float]:
@@ -17,9 +18,7 @@ def write_stream(recording: Path, out: Path) -> Sequence[float]:
     try:
         from juncnet.recording.reader import RecordingError, open_recording
     except ImportError as error:
-        raise FootageError(
-            f"{recording}: recordings need the extra [record]: pip install 'juncnet[record]'"
-        ) from error
+        raise FootageError(f"{recording}: {MISSING}") from error
     from juncnet.messages import VideoPacket
     from juncnet.topics import CAMERA_VIDEO
 

@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from juncnet.assets import asset_path
+from juncnet.extras import install_command
 from juncnet.flight import flights_root
 from juncnet.layout import Layout, LayoutError, service_config
 from juncnet.modelfile import ModelFileError
@@ -21,7 +22,7 @@ ENOUGH_BYTES, LITTLE_BYTES = 1_000_000_000, 100_000_000
 ANSWER_S = 8.0
 """How long a vehicle may take to answer what it is asked."""
 LOW_BATTERY = 0.3
-INSTALL = "pip install 'juncnet[laptop]'"
+INSTALL = install_command("laptop")
 
 
 def options_of(layout: Layout, service: str) -> Any:

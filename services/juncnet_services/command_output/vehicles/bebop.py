@@ -12,6 +12,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
+from juncnet.extras import install_command
 from juncnet_services.command_output.vehicles import (
     DriverOptions,
     Hold,
@@ -57,7 +58,7 @@ class BebopOptions(DriverOptions):
     def _can_be_looked_for(cls, address: str) -> str:
         if address == DISCOVER and not bebop_discovery.is_installed():
             raise ValueError(
-                "discover needs zeroconf: pip install 'juncnet[bebop]', or name the address"
+                f"discover needs zeroconf: name the address, or {install_command('bebop')}"
             )
         return address
 

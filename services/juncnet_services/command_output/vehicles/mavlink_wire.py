@@ -7,10 +7,12 @@ import struct
 from enum import Enum, IntEnum
 from typing import Any, Protocol, cast
 
+from juncnet.extras import install_command
+
 try:
     from pymavlink.dialects.v20 import common as dialect
 except ImportError as error:
-    raise ImportError("it needs pymavlink: pip install 'juncnet[mavlink]'") from error
+    raise ImportError(f"it needs pymavlink: {install_command('mavlink')}") from error
 
 GROUND_STATION = 190
 """Component that we are."""

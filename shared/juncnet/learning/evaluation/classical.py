@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from juncnet.extras import install_command
 from juncnet.features import F32, Extractor, Preprocessing
 from juncnet.learning.evaluation.metrics import balanced_accuracy, confusion_matrix
 
@@ -158,5 +159,5 @@ def _library(name: str) -> Any:
         return importlib.import_module(name)
     except ImportError as error:
         raise MissingLibraryError(
-            "kNN and SVM need scikit-learn: pip install 'juncnet[train]'"
+            f"kNN and SVM need scikit-learn: {install_command('train')}"
         ) from error

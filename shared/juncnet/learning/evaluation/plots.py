@@ -9,6 +9,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from juncnet.extras import install_command
+
 MAX_BYTES = 200_000
 """Pictures are committed, so they stay small."""
 
@@ -32,7 +34,7 @@ def drawing(path: Path, width: float, height: float, dpi: int = 100) -> Generato
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise PlotError("pictures need matplotlib: pip install 'juncnet[train]'") from error
+        raise PlotError(f"pictures need matplotlib: {install_command('train')}") from error
     figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
     FigureCanvasAgg(figure)
     yield figure
