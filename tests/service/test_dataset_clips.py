@@ -15,6 +15,7 @@ from juncnet_services.cli import dataset
 from juncnet_services.cli.dataset import check
 from juncnet_services.cli.dataset.clips import Clip
 from juncnet_services.cli.dataset.extract import Extraction, Sampling
+from juncnet_services.cli.dataset.film import write_video
 
 
 def test_a_contact_sheet_names_the_clip_of_every_picture(
@@ -43,3 +44,20 @@ def test_names_of_a_split_are_checked_before_anything_is_decoded(tmp_path: Path)
     extraction = Extraction(tmp_path / "set", Sampling(0.2, 0.25, 360))
     with pytest.raises(FootageError, match=r"no site or clip is called 'nowhere\*'"):
         extraction.run(clips, Rules(test=("nowhere*",)), None, "a test")
+
+
+def test_all_videos_that_cannot_be_read_are_named_before_anything_is_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = [np.full(64 * 48 * 3 // 2, 90, np.uint8)] * 2
+    write_video(tmp_path / "good.mp4", frames, (64, 48), 10)
+    for name in ("bad.mp4", "worse.mp4"):
+        (tmp_path / name).write_bytes(b"no video")
+    clips = [
+        Clip(name, tmp_path / name, "elm", label)
+        for name, label in (("good.mp4", "none"), ("bad.mp4", "junction"), ("worse.mp4", "none"))
+    ]
+    extraction = Extraction(tmp_path / "set", Sampling(0.2, 0.25, 360))
+    monkeypatch.setattr(extraction, "add", lambda clip: pytest.fail("decoded"))
+    with pytest.raises(FootageError, match=r"2 of 3 videos: .*bad\.mp4 cannot .*worse\.mp4 cannot"):
+        extraction.run(clips, Rules(), None, "a test")

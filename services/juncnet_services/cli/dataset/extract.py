@@ -61,6 +61,7 @@ class Extraction:
         """
         _classes(label for clip in clips for label in _labels(clip))
         clips_asked_for({(clip.name, clip.site) for clip in clips}, rules)
+        _check_readable(clips)
         try:
             for number, clip in enumerate(clips, 1):
                 print(f"{number}/{len(clips)} {clip.name}: {self.add(clip)} frames", flush=True)
@@ -123,6 +124,23 @@ class Extraction:
     def _keep(self, indices: Sequence[int]) -> None:
         self.writer.keep_only(indices)
         self._descriptors = [self._descriptors[i] for i in indices]
+
+
+def _check_readable(clips: Sequence[Clip]) -> None:
+    """Look at all clips before the first is decoded, which takes long.
+
+    Raises:
+        FootageError: some cannot be read; the text names all of them.
+    """
+    wrong: list[str] = []
+    for clip in clips:
+        try:
+            Video(clip.path)
+        except FootageError as error:
+            wrong.append(str(error))
+    if wrong:
+        many = f"{len(wrong)} of {len(clips)} videos: " if len(wrong) > 1 else ""
+        raise FootageError(many + "; ".join(wrong))
 
 
 def _labels(clip: Clip) -> list[str]:
