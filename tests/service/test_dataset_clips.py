@@ -58,6 +58,10 @@ def test_all_videos_that_cannot_be_read_are_named_before_anything_is_decoded(
         for name, label in (("good.mp4", "none"), ("bad.mp4", "junction"), ("worse.mp4", "none"))
     ]
     extraction = Extraction(tmp_path / "set", Sampling(0.2, 0.25, 360))
-    monkeypatch.setattr(extraction, "add", lambda clip: pytest.fail("decoded"))
+
+    def add(clip: Clip) -> int:
+        pytest.fail(f"{clip.name} is decoded")
+
+    monkeypatch.setattr(extraction, "add", add)
     with pytest.raises(FootageError, match=r"2 of 3 videos: .*bad\.mp4 cannot .*worse\.mp4 cannot"):
         extraction.run(clips, Rules(), None, "a test")
