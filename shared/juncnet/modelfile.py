@@ -37,6 +37,14 @@ class ModelMetadata(BaseModel):
     """`juncnet.camera.FAR_HEIGHTS` that the labels were made with."""
     recipe: str = ""
     """How it was trained, one line."""
+    mirror_mean: bool | None = None
+    """Whether it answers the mean over picture and mirror image; None: a file from before this was
+    told, when all of the architecture `robust` did."""
+
+    @property
+    def is_mirror_mean(self) -> bool:
+        """Whether it answers the mean over picture and mirror image."""
+        return self.architecture == "robust" if self.mirror_mean is None else self.mirror_mean
 
     def to_properties(self) -> dict[str, str]:
         """Return the metadata as ONNX properties."""

@@ -11,9 +11,12 @@ import pytest
 
 pytest.importorskip("torch", reason="torch is not installed: deploy/test --with-train")
 
+from pydantic import ValidationError
+
 from crosses import GRAY, QUICK, write
+from juncnet.assets import asset_path
 from juncnet.learning.datasets import DatasetError, open_dataset
-from juncnet.learning.recipes import PRESETS
+from juncnet.learning.recipes import PRESETS, Recipe
 from juncnet.learning.train import Order, divide, recipe_from, train
 from juncnet.learning.weights import WeightsError
 from juncnet_services.cli import curve
@@ -59,12 +62,24 @@ def test_fine_tuning_starts_from_the_model(tmp_path: Path) -> None:
     assert train(data, first).finished
     recipe = recipe_from(PRESETS["robust"], first.out)
     assert recipe.preprocessing == GRAY
+    assert not recipe.mirror_mean
     assert recipe.rate == pytest.approx(0.2 * PRESETS["robust"].rate)
     little = recipe.model_copy(update={"epochs": 0.1, "bfloat16": False})
     second = Order(little, 0, "second", tmp_path / "second.onnx", start=first.out)
     assert train(data, second).curve[-1].balanced_accuracy == 1.0
     with pytest.raises(WeightsError, match="name a preset of the same one"):
         recipe_from(PRESETS["tuned"], first.out)
+
+
+def test_going_on_from_a_model_that_answers_a_mean_keeps_that(tmp_path: Path) -> None:
+    assert recipe_from(PRESETS["robust"], asset_path("juncnet", "models", ".onnx")).mirror_mean
+    data = [open_dataset(write(tmp_path / "d"))]
+    recipe = QUICK.model_copy(update={"epochs": 0.1, "mirror_mean": True})
+    order = Order(recipe, 0, "m", tmp_path / "m.onnx")
+    assert train(data, order).finished
+    assert recipe_from(PRESETS["robust"], order.out).mirror_mean
+    with pytest.raises(ValidationError, match="only the architecture robust"):
+        Recipe.model_validate(PRESETS["tuned"].model_dump() | {"mirror_mean": True})
 
 
 def test_a_start_that_is_wrong_makes_more_pictures(tmp_path: Path) -> None:
@@ -133,6 +148,7 @@ def test_a_curve_of_nothing_watched_is_refused(
     [
         (["nowhere"], "no such folder"),
         (["d", "--int8", "--seed", "0", "--augmentation", "-1"], "augmentation: Input should"),
+        (["d", "--preset", "tuned", "--mirror-mean"], "only the architecture robust"),
         (["d", "--from", "gone.onnx"], "gone.onnx"),
         (["d", "--repeat-wrong", "3"], "--from MODEL"),
         (["d", "--augmentation", "3"], "augmentation"),

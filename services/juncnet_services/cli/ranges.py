@@ -45,8 +45,9 @@ def why(error: Exception) -> str:
     if not isinstance(error, ValidationError):
         return str(error)
     first = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    return f"{where}: {first['msg']}, not {first['input']!r:.60}"
+    where, text = ".".join(str(part) for part in first["loc"]), first["msg"]
+    text = text.removeprefix("Value error, ")
+    return f"{where}: {text}, not {first['input']!r:.60}" if where else text
 
 
 def make_room_for(out: Path) -> None:

@@ -1,8 +1,8 @@
 """How a network is trained: everything but the data, and the presets of `juncnet train`."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from juncnet.features import Preprocessing
 from juncnet.network import Architecture
@@ -26,6 +26,8 @@ class Recipe(BaseModel):
     schedule: Literal["constant", "one_cycle"] = "one_cycle"
     """`one_cycle`: a tenth of the steps up to `rate`, then a cosine to zero."""
     dropout: float = Field(default=0.2, ge=0, lt=1)
+    mirror_mean: bool = False
+    """Whether `robust` answers the mean over picture and mirror image, in twice the time."""
     augmentation: float = Field(default=1.0, ge=0, le=2)
     """0: pictures as they are; 1: see `juncnet.learning.augment`."""
     balanced: bool = True
@@ -43,9 +45,16 @@ class Recipe(BaseModel):
     bfloat16: bool = True
     """Whether convolutions multiply in bfloat16: nearly twice as fast on processors that can."""
 
+    @model_validator(mode="after")
+    def _has_what_it_asks_for(self) -> Self:
+        if self.mirror_mean and self.architecture != "robust":
+            raise ValueError("mirror_mean: only the architecture robust answers such a mean")
+        return self
+
     def describe(self) -> str:
         """Return the recipe as one line for the model card."""
         extras = [
+            "answers the mean over the mirror image" if self.mirror_mean else "",
             f"weights averaged with {self.average}" if self.average else "",
             "classes balanced" if self.balanced else "",
             f"augmentation {self.augmentation:g}" if self.augmentation else "no augmentation",

@@ -162,7 +162,7 @@ def train(
         raise DatasetError("no picture says what it shows: label some (`juncnet dataset label`)")
     torch.manual_seed(order.seed)
     channels = len(recipe.preprocessing.channels)
-    network = build(recipe.architecture, channels, len(classes), recipe.dropout)
+    network = build(recipe.architecture, channels, len(classes), recipe.dropout, recipe.mirror_mean)
     if order.start is not None:
         start_from(network, order.start, _metadata_of(order.start).classes == classes)
     if recipe.repeat_wrong > 1:
@@ -189,6 +189,7 @@ def _metadata(order: Order, classes: tuple[str, ...], pictures: int) -> ModelMet
         preprocessing=order.recipe.preprocessing,
         near_row=NEAR_ROW,
         far_heights=FAR_HEIGHTS,
+        mirror_mean=order.recipe.mirror_mean,
         recipe=f"{order.recipe.describe()}; {pictures} pictures, seed {order.seed}{before}",
     )
 
@@ -203,7 +204,8 @@ def _metadata_of(path: Path) -> ModelMetadata:
 def recipe_from(recipe: Recipe, start: Path) -> Recipe:
     """Return a preset's recipe for going on from the model in `start`.
 
-    Its preprocessing is the model's, its rate a fraction of the preset's.
+    Its preprocessing, and whether it looks at the mirror image, are the model's, its rate a
+    fraction of the preset's.
 
     Raises:
         ModelFileError: no model there.
@@ -220,6 +222,7 @@ def recipe_from(recipe: Recipe, start: Path) -> Recipe:
         "preprocessing": metadata.preprocessing,
         "rate": recipe.rate * FINE_TUNING_RATE,
         "keep_best": True,
+        "mirror_mean": metadata.is_mirror_mean,
     }
     return recipe.model_copy(update=changed)
 
@@ -232,6 +235,7 @@ def write_report(order: Order, outcome: Outcome, command: str) -> None:
         for p, loss in zip(outcome.curve, losses, strict=True)
     )
     metadata = _metadata_of(order.out)
+    mean = ": the mean over the picture and its mirror image" if metadata.is_mirror_mean else ""
     p, size = metadata.preprocessing, order.out.stat().st_size
     text = f"""# {metadata.name}
 
@@ -240,7 +244,7 @@ Tells {", ".join(metadata.classes)} apart in a forward camera's picture.
 | | |
 |---|---|
 | file | `{order.out.name}`, {size / 1e6:.1f} MB{", large weights as int8" if order.int8 else ""} |
-| architecture | `{metadata.architecture}` in `juncnet/network.py` |
+| architecture | `{metadata.architecture}` in `juncnet/network.py`{mean} |
 | input | {", ".join(p.channels)}; {p.size}x{p.size}, sharpening {p.sharpening}, \
 {p.angles} angles, filter {p.filter}, circle {p.circle}, standardisation {p.standardisation} |
 | recipe | {metadata.recipe} |
