@@ -30,6 +30,12 @@ def truth(second: float, **changes: Any) -> SimulatorTruth:
     return SimulatorTruth(**(fields | changes))
 
 
+def happened(kind: EventKind, second: float, count: int = 0) -> JunctionEvent:
+    return JunctionEvent(
+        header=stamp(second), flight="f", index=0, kind=kind, count=count, probability=0.1
+    )
+
+
 def fly(count: int = 2, finished: bool = True, **changes: Any) -> Summary:
     """Return the summary of a right flight of 50 s in which, in the middle, something changes."""
     judge = Judge(Plan((1, 2, 3), ideal_s=45.0), "world", "copter")
@@ -39,11 +45,7 @@ def fly(count: int = 2, finished: bool = True, **changes: Any) -> Summary:
         judge.truth(truth(second, **(changes if second == 25 else lasting if last else {})))
         judge.score(score(second))
     kind = EventKind.MISSION_FINISHED if finished else EventKind.LEFT
-    judge.event(
-        JunctionEvent(
-            header=stamp(49.0), flight="f", index=0, kind=kind, count=count, probability=0.1
-        )
-    )
+    judge.event(happened(kind, 49.0, count))
     return judge.summary()
 
 
@@ -87,16 +89,7 @@ def test_a_slow_flight_fails() -> None:
     judge = Judge(Plan((1,), ideal_s=10.0), "world", "copter")
     for second in range(20):
         judge.truth(truth(second, path=(1,), junctions_passed=0))
-    judge.event(
-        JunctionEvent(
-            header=stamp(19.0),
-            flight="f",
-            index=0,
-            kind=EventKind.MISSION_FINISHED,
-            count=0,
-            probability=0,
-        )
-    )
+    judge.event(happened(EventKind.MISSION_FINISHED, 19.0))
     assert judge.summary().reasons == ("took 19 s, ideal 10 s",)
 
 
@@ -125,14 +118,5 @@ def test_nothing_seen_is_not_flown_right() -> None:
 def test_what_kept_the_robot_is_told_of_an_unfinished_mission_only() -> None:
     judge = Judge(Plan((1, 2), 10.0), "world", "copter")
     assert judge.summary("output stopped").reasons[-1] == "at the end: output stopped"
-    judge.event(
-        JunctionEvent(
-            header=stamp(1.0),
-            flight="f",
-            index=0,
-            kind=EventKind.MISSION_FINISHED,
-            count=0,
-            probability=0,
-        )
-    )
+    judge.event(happened(EventKind.MISSION_FINISHED, 1.0))
     assert not any("at the end" in reason for reason in judge.summary("moving").reasons)
