@@ -158,7 +158,8 @@ def _cut_correction(geometry: Geometry) -> tuple[Correction, ...]:
     if not len(cut):
         return ()
     total = np.zeros((len(cut), size * size))
-    lattice = np.outer(*[np.add(*_edge_weights(geometry))] * 2)
+    even, odd = _edge_weights(geometry)
+    lattice = np.outer(even + odd, even + odd)
     mirrored_filter = _filter(geometry)
     true_filter = radon.filter_matrix(offsets, geometry.filter_name, geometry.circle)
     for angle in geometry.angles_deg:

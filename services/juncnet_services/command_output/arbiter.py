@@ -71,7 +71,7 @@ class Latched(BaseModel):
     kind: LatchKind
     reason: str = Field(max_length=1000)
     since: Instant | None = None
-    """When the last order came that stops the robot; None: there was none in this boot."""
+    """When the last order came that stops the robot; None: that is not known, or none came."""
 
 
 @dataclass(frozen=True)
