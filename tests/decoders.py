@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from juncnet.frames import FrameLayout
-from juncnet.frames_wire import PREFIX_BYTES, FramePrefix
+from juncnet.frames_wire import PREFIX_BYTES, PrefixPacker, unpack
 from juncnet.messages import MessageError, PixelFormat, Stamp
 from juncnet.simulation import link
 from juncnet_services.command_output.vehicles import arsdk, ros2_link
@@ -246,10 +246,10 @@ def rtsp(data: bytes) -> bool:
 def frame_prefix(data: bytes) -> bool:
     """What stands before the pixels of a frame between processes."""
     try:
-        prefix = FramePrefix.unpack(data)
+        header, layout, writer, _serial = unpack(data)
     except MessageError:
         return False
-    assert FramePrefix.unpack(prefix.pack()) == prefix
+    assert unpack(PrefixPacker(writer).pack(header, layout)) == (header, layout, writer, 0)
     return True
 
 
@@ -259,12 +259,10 @@ def sealed_prefix(data: bytes) -> bytes:
     return body + struct.pack("<I", zlib.crc32(body))
 
 
-PREFIX = FramePrefix(
+PREFIX = PrefixPacker(5).pack(
     Stamp(epoch=1, sequence=2, time_ns=3, clock="boot-1"),
     FrameLayout.packed(PixelFormat.I420, 64, 48),
-    5,
-    6,
-).pack()
+)
 
 
 def simulator_link(data: bytes) -> bool:

@@ -8,7 +8,7 @@ give the newest frame only, whole, with its own header.
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from juncnet.messages import MessageError, PixelFormat, Stamp
 
 BYTE = np.dtype(np.uint8)
-"""Made once: a dtype is compared with a dtype faster than with a type, in every frame."""
+"""Of nearly all arrays of bytes it is the very object, which spares comparing in every frame."""
 
 
 @dataclass(frozen=True)
@@ -62,24 +62,27 @@ class FrameLayout:
         return self.stride * self.height * 3 // 2 if planar else self.stride * self.height
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Frame:
     """A picture and the stamp of its capture.
 
     `pixels` is a flat uint8 array of `layout.nbytes`, perhaps in memory shared with others:
     read-only, and valid only until the `with` block that gave the frame ends.
+
+    Raises:
+        MessageError: `pixels` are not what `layout` needs.
     """
 
-    header: Stamp
-    layout: FrameLayout
-    pixels: NDArray[np.uint8]
+    header: Final[Stamp]
+    layout: Final[FrameLayout]
+    pixels: Final[NDArray[np.uint8]]
 
     def __post_init__(self) -> None:
-        if self.pixels.ndim != 1 or self.pixels.dtype != BYTE:
-            raise MessageError("Frame.pixels: needs a flat uint8 array")
-        if self.pixels.size != self.layout.nbytes:
+        pixels, size = self.pixels, self.layout.nbytes
+        if (pixels.dtype is not BYTE and pixels.dtype != BYTE) or pixels.shape != (size,):
             raise MessageError(
-                f"Frame.pixels: {self.pixels.size} bytes, {self.layout} needs {self.layout.nbytes}"
+                f"Frame.pixels: {pixels.dtype} of {pixels.shape}, "
+                f"{self.layout} needs uint8 of ({size},)"
             )
 
     @property

@@ -7,23 +7,25 @@ alone is what wakes readers and tells observers that there is a new picture.
 import struct
 import zlib
 from functools import lru_cache
-from typing import Any, NamedTuple
 
 from juncnet.frames import FrameLayout
 from juncnet.messages import MessageError, PixelFormat, Stamp
 
 MAGIC = b"JNCFRAME"
-VERSION = 1
+VERSION = 2
 PREFIX_BYTES = 256
 """A multiple of 64: the pixels after it begin on a cache line."""
-ENCODING = "application/octet-stream;juncnet.Frame.v1"
+ENCODING = f"application/octet-stream;juncnet.Frame.v{VERSION}"
 PIXELS_KEY = "@pixels"
 """Chunk below a frame topic's key for whole frames; `*` and `**` never match a chunk with `@`, so
 nobody asks for raw pixels by watching everything."""
 
-_FIELDS = struct.Struct("<8sHBBIIIQQQQQQQB128s43xI")
-"""The last one is the CRC-32 of the bytes before it."""
+_STEADY = struct.Struct("<8sHBBIIIQQQB128s15x")
+"""What a camera repeats in every frame, first, so that readers decode it once."""
+_MOVING = struct.Struct("<QQQQ28x")
+"""Serial, and of the header sequence, time and its uncertainty in nanoseconds."""
 _CHECK = struct.Struct("<I")
+"""The CRC-32 of the bytes before it."""
 _BODY_BYTES = PREFIX_BYTES - _CHECK.size
 _FORMATS: tuple[PixelFormat, ...] = (
     PixelFormat.I420,
@@ -33,27 +35,27 @@ _FORMATS: tuple[PixelFormat, ...] = (
 )
 
 
-class FramePrefix(NamedTuple):
-    """What stands before the pixels. `writer` and `serial` number the samples of one writer."""
+class PrefixPacker:
+    """Makes the prefixes of one writer's frames; `writer` and a serial from 0 on number them."""
 
-    header: Stamp
-    layout: FrameLayout
-    writer: int
-    serial: int
+    def __init__(self, writer: int) -> None:
+        self._writer, self._serial = writer, 0
+        self._of: tuple[FrameLayout, int, str] | None = None
+        self._steady = b""
+        self._crc = 0
 
-    def pack(self) -> bytes:
-        """Return the prefix as `PREFIX_BYTES` bytes."""
-        data = bytearray(PREFIX_BYTES)
-        self.pack_into(memoryview(data))
-        return bytes(data)
+    def pack(self, header: Stamp, layout: FrameLayout) -> bytes:
+        """Return the next frame's prefix, little-endian, its CRC-32 at the end."""
+        if (layout, header.epoch, header.clock) != self._of:
+            self._begin(layout, header.epoch, header.clock)
+        moving = _MOVING.pack(self._serial, header.sequence, header.time_ns, header.uncertainty_ns)
+        self._serial += 1
+        return self._steady + moving + _CHECK.pack(zlib.crc32(moving, self._crc))
 
-    def pack_into(self, data: memoryview) -> None:
-        """Write the prefix into `PREFIX_BYTES` bytes, little-endian, its CRC-32 at the end."""
-        clock = self.header.clock.encode()
-        layout = self.layout
-        _FIELDS.pack_into(
-            data,
-            0,
+    def _begin(self, layout: FrameLayout, epoch: int, clock: str) -> None:
+        self._of = (layout, epoch, clock)
+        name = clock.encode()
+        self._steady = _STEADY.pack(
             MAGIC,
             VERSION,
             _FORMATS.index(layout.format),
@@ -62,53 +64,26 @@ class FramePrefix(NamedTuple):
             layout.height,
             layout.stride,
             layout.nbytes,
-            self.writer,
-            self.serial,
-            self.header.epoch,
-            self.header.sequence,
-            self.header.time_ns,
-            self.header.uncertainty_ns,
-            len(clock),
-            clock,
-            0,
+            self._writer,
+            epoch,
+            len(name),
+            name,
         )
-        _CHECK.pack_into(data, _BODY_BYTES, zlib.crc32(data[:_BODY_BYTES]))
-
-    @classmethod
-    def unpack(cls, data: bytes | memoryview) -> "FramePrefix":
-        """Return the prefix that stands at the beginning of `data`.
-
-        Raises:
-            MessageError: it is not one, was damaged, or describes an impossible picture.
-        """
-        values = _values(data)
-        layout = _layout(values[2], values[4], values[5], values[6])
-        if values[7] != layout.nbytes:
-            raise MessageError(f"Frame.nbytes: {values[7]}, {layout} needs {layout.nbytes}")
-        header = _stamp(values[10:14], values[15][: values[14]])
-        return cls(header, layout, values[8], values[9])
+        self._crc = zlib.crc32(self._steady)
 
 
-@lru_cache(maxsize=8)
-def _layout(code: int, width: int, height: int, stride: int) -> FrameLayout:
-    """Return the checked layout; a camera's does not change from frame to frame."""
-    if code >= len(_FORMATS):
-        raise MessageError(f"Frame.format: {code} is unknown")
-    layout = FrameLayout(_FORMATS[code], width, height, stride)
-    layout.check()
-    return layout
+def unpack(data: bytes) -> tuple[Stamp, FrameLayout, int, int]:
+    """Return header, layout, writer and serial of the prefix at the beginning of `data`.
 
-
-def _values(data: bytes | memoryview) -> tuple[Any, ...]:
-    """Return the fields of the undamaged prefix at the beginning of `data`."""
-    if len(data) < PREFIX_BYTES:
-        raise MessageError(f"Frame.prefix: {len(data)} bytes, needs {PREFIX_BYTES}")
-    values: tuple[Any, ...] = _FIELDS.unpack_from(data)
-    if values[0] != MAGIC or values[1] != VERSION:
-        raise MessageError(f"Frame.prefix: not a frame of version {VERSION}")
-    if values[-1] != zlib.crc32(data[:_BODY_BYTES]):
-        raise MessageError("Frame.prefix: damaged, its checksum differs")
-    return values
+    Raises:
+        MessageError: it is not one, was damaged, or describes an impossible picture.
+    """
+    (layout, writer, epoch, clock), (serial, sequence, time_ns, uncertainty_ns) = _parts(data)
+    try:
+        header = Stamp(epoch, sequence, time_ns, clock, uncertainty_ns)
+    except ValueError as error:
+        raise MessageError(f"Frame.header.{error}") from error
+    return header, layout, writer, serial
 
 
 def number(data: bytes) -> tuple[int, int]:
@@ -117,22 +92,38 @@ def number(data: bytes) -> tuple[int, int]:
     Raises:
         MessageError: it is not the prefix of a frame, or damaged.
     """
-    values = _values(data)
-    return values[8], values[9]
+    steady, moving = _parts(data)
+    return steady[1], moving[0]
 
 
-def _stamp(numbers: tuple[int, int, int, int], clock: bytes) -> Stamp:
-    epoch, sequence, time_ns, uncertainty_ns = numbers
-    try:
-        return Stamp(
-            epoch=epoch,
-            sequence=sequence,
-            time_ns=time_ns,
-            uncertainty_ns=uncertainty_ns,
-            clock=clock.decode("ascii", "replace"),
-        )
-    except ValueError as error:
-        raise MessageError(f"Frame.header.{error}") from error
+_Steady = tuple[FrameLayout, int, int, str]
+_Moving = tuple[int, int, int, int]
+
+
+def _parts(data: bytes) -> tuple[_Steady, _Moving]:
+    """Return (layout, writer, epoch, clock) and (serial, sequence, time, its uncertainty)."""
+    if len(data) < PREFIX_BYTES:
+        raise MessageError(f"Frame.prefix: {len(data)} bytes, needs {PREFIX_BYTES}")
+    if zlib.crc32(data[:_BODY_BYTES]) != _CHECK.unpack_from(data, _BODY_BYTES)[0]:
+        raise MessageError("Frame.prefix: no frame, or damaged: its checksum differs")
+    return _steady(data[: _STEADY.size]), _MOVING.unpack_from(data, _STEADY.size)
+
+
+@lru_cache(maxsize=8)
+def _steady(data: bytes) -> _Steady:
+    code: int
+    magic, version, code, _, width, height, stride, nbytes, writer, epoch, length, clock = (
+        _STEADY.unpack(data)
+    )
+    if magic != MAGIC or version != VERSION:
+        raise MessageError(f"Frame.prefix: not a frame of version {VERSION}")
+    if code >= len(_FORMATS):
+        raise MessageError(f"Frame.format: {code} is unknown")
+    layout = FrameLayout(_FORMATS[code], width, height, stride)
+    layout.check()
+    if nbytes != layout.nbytes:
+        raise MessageError(f"Frame.nbytes: {nbytes}, {layout} needs {layout.nbytes}")
+    return layout, writer, epoch, clock[:length].decode("ascii", "replace")
 
 
 class SerialGate:
@@ -147,8 +138,8 @@ class SerialGate:
         """Return whether this frame, or a newer one of its writer, was taken."""
         return writer == self._writer and serial <= self._serial
 
-    def passed(self, prefix: FramePrefix) -> None:
+    def passed(self, writer: int, serial: int) -> None:
         """Note that this frame was taken."""
-        if prefix.writer == self._writer and prefix.serial > self._serial:
-            self.drops += prefix.serial - self._serial - 1
-        self._writer, self._serial = prefix.writer, prefix.serial
+        if writer == self._writer and serial > self._serial:
+            self.drops += serial - self._serial - 1
+        self._writer, self._serial = writer, serial

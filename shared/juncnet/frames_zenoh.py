@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juncnet.frames import Frame, FrameLayout
-from juncnet.frames_wire import PREFIX_BYTES, FramePrefix, SerialGate
+from juncnet.frames_wire import PREFIX_BYTES, PrefixPacker, SerialGate, number, unpack
 from juncnet.health import HealthCounters
 from juncnet.inbox import Wake
 from juncnet.messages import MessageError, Stamp
@@ -23,8 +23,7 @@ class ZenohFrameWriter:
     def __init__(
         self, put: Callable[[bytearray], None], wake: Callable[[bytes], None], writer: int
     ) -> None:
-        self._put, self._wake, self._writer = put, wake, writer
-        self._serial = 0
+        self._put, self._wake, self._prefixes = put, wake, PrefixPacker(writer)
         self._lock = threading.Lock()
 
     def loan(self, layout: FrameLayout) -> "ZenohFrameLoan":
@@ -41,8 +40,7 @@ class ZenohFrameWriter:
     def finish(self, buffer: bytearray, header: Stamp, layout: FrameLayout) -> None:
         """Complete a loaned buffer with its prefix and put it."""
         with self._lock:
-            prefix = FramePrefix(header, layout, self._writer, self._serial).pack()
-            self._serial += 1
+            prefix = self._prefixes.pack(header, layout)
             buffer[:PREFIX_BYTES] = prefix
             self._put(buffer)
             self._wake(prefix)
@@ -70,26 +68,25 @@ class ZenohFrameReader:
 
     def __init__(self, wake: Wake, health: HealthCounters) -> None:
         self._wake, self._health = wake, health
-        self._newest: tuple[FramePrefix, bytes] | None = None
+        self._newest: tuple[Frame, int, int] | None = None
         self._gate = SerialGate()
 
     def put(self, payload: bytes) -> None:
         """Keep what arrived, if it is a frame; count it as an error if not."""
         try:
-            prefix = FramePrefix.unpack(payload)
-            if len(payload) != PREFIX_BYTES + prefix.layout.nbytes:
-                raise MessageError(f"Frame.pixels: {len(payload) - PREFIX_BYTES} bytes")
+            header, layout, writer, serial = unpack(payload)
+            frame = Frame(header, layout, np.frombuffer(payload, np.uint8, offset=PREFIX_BYTES))
         except MessageError as error:
             self._health.error(str(error))
             return
         with self._wake.condition:
-            self._newest = (prefix, payload)
+            self._newest = (frame, writer, serial)
             self._wake.condition.notify_all()
 
     def announce(self, payload: bytes) -> None:
         """Check the prefix that observers get; it adds nothing to the whole frame."""
         try:
-            FramePrefix.unpack(payload)
+            number(payload)
         except MessageError as error:
             self._health.error(str(error))
 
@@ -112,8 +109,6 @@ class ZenohFrameReader:
         if newest is None:
             yield None
             return
-        prefix, payload = newest
-        self._gate.passed(prefix)
-        yield Frame(
-            prefix.header, prefix.layout, np.frombuffer(payload, np.uint8, offset=PREFIX_BYTES)
-        )
+        frame, writer, serial = newest
+        self._gate.passed(writer, serial)
+        yield frame

@@ -16,7 +16,7 @@ from juncnet.flight import Flight
 from juncnet.frame_ports import FrameTransport
 from juncnet.frames import Frame, FrameLayout, FrameReader
 from juncnet.frames_iceoryx2 import SHARED_MEMORY, IceoryxNode
-from juncnet.frames_wire import ENCODING, PIXELS_KEY, PREFIX_BYTES, FramePrefix
+from juncnet.frames_wire import ENCODING, PIXELS_KEY, PREFIX_BYTES, PrefixPacker
 from juncnet.messages import PixelFormat
 from juncnet.zenoh_bus import ZenohBus
 
@@ -206,7 +206,7 @@ def test_damaged_frames_are_counted_and_survived(
         writer = sender.frames_out(t.CAMERA_FRAME)
         assert peers.eventually(lambda: _arrives(sender, reader, writer.send))
         frame = peers.picture(sender.stamp())
-        good = FramePrefix(frame.header, frame.layout, 1, 1).pack()
+        good = PrefixPacker(1).pack(frame.header, frame.layout)
         bad = bytearray(good)
         bad[20] ^= 1
         assert len(good) == PREFIX_BYTES
