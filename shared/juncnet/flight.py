@@ -9,6 +9,7 @@ import json
 import os
 import platform
 import secrets
+import subprocess
 import tempfile
 import time
 import uuid
@@ -18,6 +19,8 @@ from pathlib import Path
 SAVED_AS = "flight.json"
 SOCKET_PATH_LIMIT = 107
 """Bytes of a Unix socket's path on Linux."""
+BOOT = Path("/proc/sys/kernel/random/boot_id")
+TIME_NAMESPACE = Path("/proc/self/ns/time")
 INITIAL_TIME_NAMESPACE = 0xEFFFFFFA
 """Inode of the time namespace of Linux that is not a container's."""
 LONGEST_SOCKET = "/" + 32 * "x" + ".zsock.lock"
@@ -112,6 +115,20 @@ def read_flight(directory: Path) -> Flight:
     )
 
 
+def _boot() -> str:
+    """Return what names this boot of this host, or at least the host where no system tells.
+
+    Linux has a file, macOS a variable of its kernel.
+    """
+    if BOOT.exists():
+        return BOOT.read_text().strip()
+    ask = ["sysctl", "-n", "kern.bootsessionuuid"]
+    try:
+        return subprocess.run(ask, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return f"{uuid.getnode():x}-{platform.system()}"
+
+
 class HostClock:
     """The monotonic clock that all processes of one boot of this host share.
 
@@ -119,14 +136,10 @@ class HostClock:
     """
 
     def __init__(self) -> None:
-        boot, namespace = Path("/proc/sys/kernel/random/boot_id"), Path("/proc/self/ns/time")
-        if boot.exists():
-            self._id = f"boot-{boot.read_text().strip()}"
-            inode = namespace.stat().st_ino if namespace.exists() else INITIAL_TIME_NAMESPACE
-            if inode != INITIAL_TIME_NAMESPACE:
-                self._id += f"-{inode}"
-        else:
-            self._id = f"host-{uuid.getnode():x}-{platform.system()}"
+        self._id = f"boot-{_boot()}"
+        inode = TIME_NAMESPACE.stat().st_ino if TIME_NAMESPACE.exists() else INITIAL_TIME_NAMESPACE
+        if inode != INITIAL_TIME_NAMESPACE:
+            self._id += f"-{inode}"
 
     @property
     def id(self) -> str:

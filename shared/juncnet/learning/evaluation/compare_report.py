@@ -3,6 +3,7 @@
 # Matplotlib leaves many of its own members without types.
 # pyright: reportUnknownMemberType=false
 
+from math import floor
 from pathlib import Path
 from textwrap import fill
 
@@ -121,6 +122,13 @@ def draw(comparison: Comparison, path: Path, title: str) -> None:
             [fill(entry.name, 13) for entry in comparison.entries],
             fontsize=8,
         )
-        axes.set(ylabel="balanced accuracy, %", ylim=(40, 100), title=title)
+        axes.set(ylabel="balanced accuracy, %", ylim=(_floor(comparison), 100), title=title)
         # Outside: wherever bars and intervals may be, there is no free place among them.
         axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def _floor(comparison: Comparison) -> float:
+    """Return where the axis of balanced accuracies begins, in %: below every bar and interval."""
+    scores = [score for entry in comparison.entries for score in _scores(entry)]
+    least = [(s.balanced_accuracy_interval or (s.balanced_accuracy,))[0] for s in scores]
+    return min([40.0, *(10 * floor(10 * value) for value in least)])
