@@ -1,12 +1,18 @@
 """`juncnet dataset synthesise`: shards that the reader reads, the same by seed, made once."""
 
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from juncnet.learning.datasets import open_dataset
+from juncnet.learning.samples import Samples
 from juncnet_services.cli.dataset import synthesise as command
+from peers import eventually
 
 pytest.importorskip("rich")
 
@@ -38,11 +44,9 @@ def test_shards_are_read_back_and_not_made_twice(
     (folder / command.OPTIONS).unlink()
     assert command.main([str(folder), *ARGUMENTS]) == 2
     assert "name another folder" in capsys.readouterr().err
-    shards = list(command.shards_of(command.arguments([str(tmp_path / "e"), *ARGUMENTS])))
-    (tmp_path / "e").mkdir()
-    assert [command.make_shard(shard) for shard in shards] == [14]
-    with np.load(tmp_path / "e/0000.npz") as again:
-        np.testing.assert_array_equal(again["gray"], dataset.whole_shards())
+    (shard,) = command.shards_of(command.arguments([str(folder), *ARGUMENTS]))
+    again = Samples.concatenate([command.make_site(site) for site in shard.sites()])
+    np.testing.assert_array_equal(again.gray, dataset.whole_shards())
 
 
 def test_ranges_and_kinds_reach_the_pictures(tmp_path: Path) -> None:
@@ -81,3 +85,34 @@ def test_bad_arguments_end_with_2(
     assert command.main([str(tmp_path / "d"), *words]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "d").exists()
+
+
+def children(process: int) -> list[Path]:
+    names = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    return [Path("/proc", name) for name in names]
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_an_end_of_the_command_alone_ends_its_processes(
+    how: signal.Signals, tmp_path: Path
+) -> None:
+    words = [str(tmp_path / "d"), "--pictures", "6000", "--streets", "0", "--per-world", "6"]
+    command = [sys.executable, "-m", "juncnet_services.cli", "dataset", "synthesise", *words]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert eventually(lambda: len(children(process.pid)) == 2)
+            workers = children(process.pid)
+            assert eventually(lambda: all(busy(worker) for worker in workers))
+        finally:
+            process.send_signal(how)
+        assert eventually(lambda: not any(worker.exists() for worker in workers), 60.0)
+        _, said = process.communicate(timeout=10)
+    if how is signal.SIGINT:
+        assert process.returncode == 130
+        assert "interrupted; the same command goes on" in said
+    assert not list((tmp_path / "d").glob("*.npz"))
+
+
+def busy(worker: Path) -> bool:
+    """Whether the process has computed for half a second."""
+    return int(worker.joinpath("stat").read_text().split()[13]) > 0.5 * os.sysconf("SC_CLK_TCK")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def main(argv: list[str]) -> int:
-    """Train, test and write; 1 when interrupted, 2 for bad arguments or data."""
+    """Train, test and write; 2 for bad arguments or data."""
     parser = table_parser("ablate", __doc__)
     parser.add_argument(
         "--preset",

@@ -87,8 +87,7 @@ def main(argv: list[str]) -> int:
         print(f"juncnet benchmark: {why(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("juncnet benchmark: interrupted; the same command goes on", file=sys.stderr)
-        return 1
+        raise KeyboardInterrupt("the same command goes on") from None
     _write(report.with_row(row), out, options.json)
     return 0
 

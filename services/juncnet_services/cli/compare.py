@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def main(argv: list[str]) -> int:
-    """Train, test and write; 1 when interrupted, 2 for bad arguments or data."""
+    """Train, test and write; 2 for bad arguments or data."""
     options = table_parser("compare", __doc__).parse_args(argv)
     return make_table("compare", options, _plan)
 

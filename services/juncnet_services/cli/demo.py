@@ -303,9 +303,6 @@ def main(argv: list[str]) -> int:
             else:
                 with Live(console=console, auto_refresh=False, screen=True) as live:
                     summary = demo.fly(options.limit, live, verbose=False)
-    except KeyboardInterrupt:
-        print("juncnet demo: interrupted", file=sys.stderr)
-        return 1
     finally:
         if not options.keep:
             demo.discard()

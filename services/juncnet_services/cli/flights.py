@@ -303,8 +303,7 @@ def main(argv: list[str]) -> int:
         print(f"juncnet flights: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("juncnet flights: interrupted; go on with --resume", file=sys.stderr)
-        return 1
+        raise KeyboardInterrupt("go on with --resume") from None
     write_report(report, markdown(report), out)
     print(f"\n{markdown(report)}\nwritten to {out}")
     return 0 if report.all_right else 1

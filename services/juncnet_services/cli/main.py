@@ -80,8 +80,8 @@ def _run(name: str, arguments: list[str]) -> int:
     try:
         module = importlib.import_module(f"juncnet_services.cli.{COMMANDS[name][0]}")
         return module.main(arguments if shared else arguments[1:])
-    except KeyboardInterrupt:
-        print(f"\njuncnet {name}: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:  # its text, if any, says how to go on
+        print("; ".join([f"\njuncnet {name}: interrupted", *interrupt.args]), file=sys.stderr)
         return INTERRUPTED
     except OSError as error:
         if error.filename is None:

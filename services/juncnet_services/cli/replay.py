@@ -43,8 +43,6 @@ def main(argv: list[str]) -> int:
     except (RecordingError, OSError, ValueError) as error:
         print(f"juncnet replay: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        return 1
 
 
 def _arguments(argv: list[str]) -> argparse.Namespace:

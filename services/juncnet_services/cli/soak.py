@@ -198,8 +198,5 @@ def main(argv: list[str]) -> int:
     except (RuntimeError, ConnectionError) as error:
         print(f"juncnet soak: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("juncnet soak: interrupted", file=sys.stderr)
-        return 1
     print(f"\n{markdown(soak)}\nwritten to {options.out}")
     return 0 if soak.right and soak.passes >= options.passes else 1

@@ -80,8 +80,7 @@ def make_table(
         print(f"juncnet {command}: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(f"juncnet {command}: interrupted; go on with --resume", file=sys.stderr)
-        return 1
+        raise KeyboardInterrupt("go on with --resume") from None
     return 0
 
 

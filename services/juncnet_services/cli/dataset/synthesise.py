@@ -10,11 +10,12 @@ import argparse
 import json
 import math
 import multiprocessing
+import os
 import shlex
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +24,7 @@ from juncnet_services.cli.ranges import why
 from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
+    from juncnet.learning.samples import Samples
     from juncnet.learning.synthetic import Variety
 
 PER_SHARD = 6_000
@@ -45,6 +47,16 @@ NUMBERS = (
 
 
 @dataclass(frozen=True)
+class Site:
+    """What is made at once: pictures of one world, or of streets where `variety` is None."""
+
+    seed: int
+    pictures: int
+    variety: "Variety | None" = None
+    palette: str | None = None
+
+
+@dataclass(frozen=True)
 class Shard:
     """One file to be made."""
 
@@ -58,6 +70,25 @@ class Shard:
     per_world: int
     variety: "Variety"
     palette: str | None
+
+    def sites(self) -> list[Site]:
+        """Return what its pictures are of, in their order.
+
+        Streets have seeds of their own, so that no site is a world and a street.
+        """
+        worlds, streets = (
+            portions(self.worlds, self.per_world),
+            portions(self.streets, PER_STREET_SITE),
+        )
+        return [
+            *(Site(self.seed + k, n, self.variety, self.palette) for k, n in enumerate(worlds)),
+            *(Site(-self.seed - k, n) for k, n in enumerate(streets)),
+        ]
+
+
+def portions(total: int, most: int) -> list[int]:
+    """Return `total` as parts of `most`, the last one perhaps smaller."""
+    return [min(most, total - first) for first in range(0, total, most)]
 
 
 def arguments(argv: list[str]) -> argparse.Namespace:
@@ -90,7 +121,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
 
 
 def main(argv: list[str]) -> int:
-    """Write the shards and `dataset.json`; 1 when interrupted, 2 for bad arguments."""
+    """Write the shards and `dataset.json`; 2 for bad arguments."""
     options = arguments(argv)
     with needs_train("juncnet dataset synthesise"):
         from juncnet.learning.datasets import DatasetInfo, write_info
@@ -104,8 +135,7 @@ def main(argv: list[str]) -> int:
         print(f"juncnet dataset synthesise: {why(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("\ninterrupted: the same command goes on", file=sys.stderr)
-        return 1
+        raise KeyboardInterrupt("the same command goes on") from None
     command = ["juncnet", "dataset", "synthesise", options.folder.name]
     command += [word for word in argv if word != str(options.folder)]
     info = DatasetInfo(
@@ -189,7 +219,7 @@ def _variety(options: argparse.Namespace) -> "Variety":
 
 
 def _make(shards: list[Shard], processes: int) -> None:
-    """Make the shards, several at a time, with a progress bar."""
+    """Make the shards, several sites at a time, with a progress bar."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
@@ -197,33 +227,42 @@ def _make(shards: list[Shard], processes: int) -> None:
     with Progress(*columns) as progress, ProcessPoolExecutor(max(1, processes)) as pool:
         task = progress.add_task(f"{total} pictures", total=total)
         made = 0
-        for done in as_completed([pool.submit(make_shard, shard) for shard in shards]):
-            made += done.result()
-            rate = made / (time.monotonic() - started)
-            progress.update(task, completed=made, description=f"{60 * rate:.0f} pictures a minute")
+        try:
+            futures = [[pool.submit(make_site, site) for site in shard.sites()] for shard in shards]
+            for shard, sites in zip(shards, futures, strict=True):
+                for site in sites:
+                    made += len(site.result())
+                    rate = 60 * made / (time.monotonic() - started)
+                    progress.update(task, completed=made, description=f"{rate:.0f} a minute")
+                _write(shard, [site.result() for site in sites])
+                sites.clear()
+        except BaseException:  # interrupted too
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in multiprocessing.active_children():
+                process.kill()
+            raise
 
 
-def make_shard(shard: Shard) -> int:
-    """Write one shard, at once or not at all; return the number of its pictures."""
+def make_site(site: Site) -> "Samples":
+    """Return the pictures of one world, or of streets that are drawn by one seed."""
     import cv2
 
-    from juncnet.learning.samples import Samples
     from juncnet.learning.streets import street_samples
     from juncnet.learning.synthetic import world_samples
 
     parent = multiprocessing.parent_process()
     if parent is not None and not parent.is_alive():
-        raise SystemExit("juncnet dataset synthesise was ended")
+        os._exit(1)  # nobody waits for it, and nobody will end this process
     cv2.setNumThreads(1)
-    parts: list[Samples] = []
-    for k, first in enumerate(range(0, shard.worlds, shard.per_world)):
-        n = min(shard.per_world, shard.worlds - first)
-        parts.append(world_samples(shard.seed + k, n, shard.variety, palette=shard.palette))
-    for k, first in enumerate(range(0, shard.streets, PER_STREET_SITE)):
-        n = min(PER_STREET_SITE, shard.streets - first)
-        # Streets have seeds of their own, so that no site is a world and a street.
-        parts.append(street_samples(-shard.seed - k, n))
+    if site.variety is None:
+        return street_samples(site.seed, site.pictures)
+    return world_samples(site.seed, site.pictures, site.variety, palette=site.palette)
+
+
+def _write(shard: Shard, sites: list["Samples"]) -> None:
+    """Write one shard, at once or not at all."""
+    from juncnet.learning.samples import Samples
+
     part = shard.path.with_suffix(".part.npz")
-    Samples.concatenate(parts).save(part)
+    Samples.concatenate(sites).save(part)
     part.replace(shard.path)
-    return shard.worlds + shard.streets
