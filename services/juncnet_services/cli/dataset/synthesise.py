@@ -76,13 +76,11 @@ class Shard:
 
         Streets have seeds of their own, so that no site is a world and a street.
         """
-        worlds, streets = (
-            portions(self.worlds, self.per_world),
-            portions(self.streets, PER_STREET_SITE),
-        )
+        worlds = enumerate(portions(self.worlds, self.per_world))
+        streets = enumerate(portions(self.streets, PER_STREET_SITE))
         return [
-            *(Site(self.seed + k, n, self.variety, self.palette) for k, n in enumerate(worlds)),
-            *(Site(-self.seed - k, n) for k, n in enumerate(streets)),
+            *(Site(self.seed + k, n, self.variety, self.palette) for k, n in worlds),
+            *(Site(-self.seed - k, n) for k, n in streets),
         ]
 
 
