@@ -5,15 +5,11 @@ from collections.abc import Callable
 from typing import Literal
 
 from juncnet.flight import Flight
-from juncnet.frames_iceoryx2 import (
-    IceoryxFrameReader,
-    IceoryxFrameWriter,
-    IceoryxNode,
-    available,
-)
+from juncnet.frames_iceoryx2 import IceoryxFrameReader, IceoryxFrameWriter
 from juncnet.frames_wire import PIXELS_KEY
 from juncnet.frames_zenoh import ZenohFrameReader, ZenohFrameWriter
 from juncnet.health import HealthCounters
+from juncnet.iceoryx_node import IceoryxNode, available
 from juncnet.inbox import Wake
 
 FrameTransport = Literal["auto", "iceoryx2", "zenoh", "none"]

@@ -75,12 +75,8 @@ class ServiceProcess:
 
     def stamp(self) -> Stamp:
         """Return a stamp of now with the next sequence of this process."""
-        return Stamp(
-            epoch=self._epoch,
-            sequence=next(self._sequence),
-            time_ns=self._clock.now_ns(),
-            clock=self._clock.id,
-        )
+        clock, sequence = self._clock.id, next(self._sequence)
+        return Stamp(self._epoch, sequence, self._clock.now_ns(), clock)  # the time last
 
     def stop(self) -> None:
         """Make `running` False and end all waiting. Safe in a signal handler."""

@@ -15,8 +15,8 @@ from juncnet import topics as t
 from juncnet.flight import Flight
 from juncnet.frame_ports import FrameTransport
 from juncnet.frames import Frame, FrameLayout, FrameReader
-from juncnet.frames_iceoryx2 import SHARED_MEMORY, IceoryxNode
 from juncnet.frames_wire import ENCODING, PIXELS_KEY, PREFIX_BYTES, PrefixPacker
+from juncnet.iceoryx_node import SHARED_MEMORY, IceoryxNode
 from juncnet.messages import PixelFormat
 from juncnet.zenoh_bus import ZenohBus
 

@@ -16,7 +16,7 @@ from flights import START_LIMIT_S
 from juncnet.bus import Bus
 from juncnet.camera import CameraGeometry
 from juncnet.flight import Flight
-from juncnet.frames_iceoryx2 import SHARED_MEMORY
+from juncnet.iceoryx_node import SHARED_MEMORY
 from juncnet.launch import connect
 from juncnet.messages import Message, Output
 from juncnet.simulation.render import Renderer

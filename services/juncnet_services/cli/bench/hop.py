@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from juncnet import links
 from juncnet.flight import Flight, new_flight
 from juncnet.frames import FrameLayout
-from juncnet.frames_iceoryx2 import available
+from juncnet.iceoryx_node import available
 from juncnet.messages import PixelFormat, Velocity, VelocityCommand
 from juncnet.topics import CAMERA_FRAME, COMMAND_VELOCITY
 from juncnet.zenoh_bus import ZenohBus
