@@ -119,7 +119,7 @@ def draw(comparison: Comparison, path: Path, title: str) -> None:
         axes.axhline(50, color="grey", lw=0.8, ls=":")
         axes.set_xticks(
             range(len(comparison.entries)),
-            [fill(entry.name, 11) for entry in comparison.entries],
+            [fill(entry.name, 11, break_long_words=False) for entry in comparison.entries],
             fontsize=8,
         )
         axes.set(ylabel="balanced accuracy, %", ylim=(_floor(comparison), 100), title=title)
