@@ -136,7 +136,7 @@ class IceoryxNode:
         self._ports.append(notifier)
 
         def notify() -> None:
-            try:
+            try:  # no `suppress`, here and below: it stands between a frame and its readers
                 notifier.notify()
             except self._iox2.NotifierNotifyError:
                 return
