@@ -90,7 +90,7 @@ TUNED = Recipe(
     architecture="paper",
     epochs=20,
     rate=1e-3,
-    dropout=0.3,
+    dropout=0.5,
     augmentation=0.5,
     mask_weight=0,
 )

@@ -67,11 +67,10 @@ class Budget:
 
 
 TUNED, PAPER, ROBUST = PRESETS["tuned"], PRESETS["paper"], PRESETS["robust"]
-PLAIN = TUNED.model_copy(update={"dropout": 0.5})
 RIVALS: dict[str, Rival] = {
-    "1-CNN, 2-FCN": Rival(OneConvNet, PLAIN, "one convolution, two dense layers"),
+    "1-CNN, 2-FCN": Rival(OneConvNet, TUNED, "one convolution, two dense layers"),
     "AlexNet": Rival(
-        AlexNet, PLAIN.model_copy(update={"rate": 5e-4}), "first stride 2, dense 1024 and 512"
+        AlexNet, TUNED.model_copy(update={"rate": 5e-4}), "first stride 2, dense 1024 and 512"
     ),
     "VGG": Rival(
         Vgg,

@@ -12,22 +12,22 @@ VGG_PLAN = (32, 0, 64, 0, 128, 128, 0, 256, 256, 0, 256, 256, 0)
 
 
 class OneConvNet(nn.Module):
-    """The paper's *1-CNN, 2-FCN*: one convolution, one pooling, two dense layers, the output."""
+    """The paper's *1-CNN, 2-FCN*: JuncNet without its second convolution and pooling."""
 
     def __init__(self, channels: int, classes: int, dropout: float) -> None:
         super().__init__()
         self.body = nn.Sequential(
-            nn.Conv2d(channels, 32, 5, padding=2),
+            nn.Conv2d(channels, 64, 7, stride=2, padding=3),
             nn.ReLU(),
-            nn.MaxPool2d(4),
+            nn.MaxPool2d(3, 2, padding=1),
             nn.Flatten(),
             nn.Dropout(dropout),
-            nn.Linear(32 * 16 * 16, 128),
+            nn.Linear(64 * 16 * 16, 256),
             nn.ReLU(),
             nn.Dropout(dropout),
-            nn.Linear(128, 64),
+            nn.Linear(256, 128),
             nn.ReLU(),
-            nn.Linear(64, classes),
+            nn.Linear(128, classes),
         )
 
     def forward(self, features: Tensor) -> Tensor:
