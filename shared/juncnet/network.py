@@ -22,26 +22,39 @@ from torch import Tensor, nn
 Architecture = Literal["paper", "robust"]
 
 
+def convolution(inputs: int, outputs: int, kernel: int, stride: int = 1) -> list[nn.Module]:
+    """Return one of the paper's convolutional layers with its pooling, which halves the map."""
+    return [
+        nn.Conv2d(inputs, outputs, kernel, stride=stride, padding=kernel // 2),
+        nn.ReLU(),
+        nn.MaxPool2d(3, 2, padding=1),
+    ]
+
+
+def dense(inputs: int, classes: int, dropout: float) -> list[nn.Module]:
+    """Return the paper's two dense layers and its output layer, of a map of `inputs` numbers."""
+    return [
+        nn.Flatten(),
+        nn.Dropout(dropout),
+        nn.Linear(inputs, 256),
+        nn.ReLU(),
+        nn.Dropout(dropout),
+        nn.Linear(256, 128),
+        nn.ReLU(),
+        nn.Linear(128, classes),
+    ]
+
+
 class PaperNet(nn.Module):
     """The paper's network: conv, pool, conv, pool, dense, dense, output."""
 
     def __init__(self, channels: int = 2, classes: int = 2, size: int = 64, dropout: float = 0.5):
         super().__init__()
+        side = (size + 7) // 8
         self.body = nn.Sequential(
-            nn.Conv2d(channels, 64, 7, stride=2, padding=3),
-            nn.ReLU(),
-            nn.MaxPool2d(3, 2, padding=1),
-            nn.Conv2d(64, 128, 5, padding=2),
-            nn.ReLU(),
-            nn.MaxPool2d(3, 2, padding=1),
-            nn.Flatten(),
-            nn.Dropout(dropout),
-            nn.Linear(128 * ((size + 7) // 8) ** 2, 256),
-            nn.ReLU(),
-            nn.Dropout(dropout),
-            nn.Linear(256, 128),
-            nn.ReLU(),
-            nn.Linear(128, classes),
+            *convolution(channels, 64, kernel=7, stride=2),
+            *convolution(64, 128, kernel=5),
+            *dense(128 * side**2, classes, dropout),
         )
 
     def forward(self, features: Tensor) -> Tensor:

@@ -7,6 +7,8 @@ the later layers as there, and their dense layers are narrower, as is the pictur
 
 from torch import Tensor, nn
 
+from juncnet.network import convolution, dense
+
 VGG_PLAN = (32, 0, 64, 0, 128, 128, 0, 256, 256, 0, 256, 256, 0)
 """Filters of VGG-11's eight convolutions, halved; 0: pooling."""
 
@@ -17,17 +19,7 @@ class OneConvNet(nn.Module):
     def __init__(self, channels: int, classes: int, dropout: float) -> None:
         super().__init__()
         self.body = nn.Sequential(
-            nn.Conv2d(channels, 64, 7, stride=2, padding=3),
-            nn.ReLU(),
-            nn.MaxPool2d(3, 2, padding=1),
-            nn.Flatten(),
-            nn.Dropout(dropout),
-            nn.Linear(64 * 16 * 16, 256),
-            nn.ReLU(),
-            nn.Dropout(dropout),
-            nn.Linear(256, 128),
-            nn.ReLU(),
-            nn.Linear(128, classes),
+            *convolution(channels, 64, kernel=7, stride=2), *dense(64 * 16**2, classes, dropout)
         )
 
     def forward(self, features: Tensor) -> Tensor:
