@@ -4,7 +4,15 @@ from typing import Any
 
 import pytest
 
-from juncnet.messages import EventKind, JunctionEvent, Pose, SimulatorTruth, Velocity
+from juncnet.messages import (
+    EventKind,
+    JunctionEvent,
+    Override,
+    OverrideKind,
+    Pose,
+    SimulatorTruth,
+    Velocity,
+)
 from juncnet_services.cli.demo import summary_text
 from juncnet_services.cli.judge import Judge, Plan, Summary
 from scenes import score, stamp
@@ -102,6 +110,31 @@ def test_a_slow_simulation_voids_the_flight() -> None:
     assert not summary.flown_right
     assert summary.real_time_factor == pytest.approx(0.94)
     assert "--set simulator.width" in summary_text(summary)
+
+
+@pytest.mark.parametrize(
+    ("kind", "verdict"),
+    [(OverrideKind.HOLD, "void"), (OverrideKind.LAND, "void"), (OverrideKind.RESUME, "failed")],
+)
+def test_a_flight_that_an_operator_kept_from_its_mission_is_void(
+    kind: OverrideKind, verdict: str
+) -> None:
+    judge = Judge(Plan((1, 2), ideal_s=45.0), "world", "copter")
+    judge.truth(truth(0, path=(1,)))
+    judge.order(Override(issued=stamp(1.0), kind=kind, operator="ann"))
+    summary = judge.summary()
+    assert summary.verdict == verdict
+    assert (f"ann ordered {kind}" in summary.reasons) == (verdict == "void")
+    assert "--set simulator.width" not in summary_text(summary)
+
+
+def test_a_flight_that_went_on_rightly_after_a_stop_is_flown_right() -> None:
+    judge = Judge(Plan((1,), ideal_s=45.0), "world", "copter")
+    for second in range(50):
+        judge.truth(truth(second, path=(1,), junctions_passed=0))
+    judge.order(Override(issued=stamp(20.0), kind=OverrideKind.HOLD))
+    judge.event(happened(EventKind.MISSION_FINISHED, 49.0))
+    assert judge.summary().flown_right
 
 
 def test_a_slow_second_is_told_and_voids_nothing() -> None:

@@ -1,7 +1,7 @@
 """`juncnet demo`: fly a mission on the simulated drone, show it, judge it.
 
 Exits 0 only if the mission was flown right, 1 if not, 2 for bad arguments, 3 for a void flight (the
-machine was too slow for the simulation).
+machine was too slow for the simulation, or the flight failed after an operator had intervened).
 """
 
 import argparse
@@ -29,6 +29,7 @@ from juncnet.simulation.routes import Route, ideal_time_s, plan_mission, route_o
 from juncnet.simulation.towns import WORLD_NAMES, named_world, random_world
 from juncnet.simulation.world import World
 from juncnet.topics import (
+    COMMAND_OVERRIDE,
     COMMAND_VELOCITY,
     JUNCTION_EVENT,
     JUNCTION_SCORE,
@@ -38,7 +39,7 @@ from juncnet.topics import (
     VEHICLE_STATE,
     health_topic,
 )
-from juncnet_services.cli.judge import Judge, Plan, Summary
+from juncnet_services.cli.judge import MIN_REAL_TIME_FACTOR, Judge, Plan, Summary
 from juncnet_services.cli.ranges import positive, whole
 from juncnet_services.cli.supervise import Supervisor
 from juncnet_services.cli.view import Watched, event_text, render
@@ -192,6 +193,8 @@ class Demo:
             self.judge.score(score)
         for _, command in ears.command.drain():
             self.judge.command(command)
+        for _, order in ears.order.drain():
+            self.judge.order(order)
         for _, event in ears.event.drain():
             self.judge.event(event)
             self.watched.events.append(event)
@@ -213,6 +216,7 @@ class _Ears:
         self.truth = bus.subscribe(SIMULATOR_TRUTH, 500)
         self.score = bus.subscribe(JUNCTION_SCORE, 500)
         self.command = bus.subscribe(COMMAND_VELOCITY, 500)
+        self.order = bus.subscribe(COMMAND_OVERRIDE, 500)
         self.event = bus.subscribe(JUNCTION_EVENT, 500)
         self.vehicle = bus.subscribe(VEHICLE_STATE, 100)
         self.navigation = bus.subscribe(NAVIGATION_STATE)
@@ -245,7 +249,7 @@ def summary_text(summary: Summary) -> str:
         ),
     )
     lines = [f"  {name:<12} {text}" for name, text in rows]
-    if s.verdict == "void":
+    if s.real_time_factor < MIN_REAL_TIME_FACTOR:
         lines.append(f"  {'remedy':<12} {VOID_REMEDY}")
     verdict = {"flown_right": "FLOWN RIGHT", "failed": "NOT FLOWN RIGHT", "void": "VOID"}
     reasons = f": {'; '.join(s.reasons)}" if s.reasons else ""

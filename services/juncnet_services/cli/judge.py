@@ -12,6 +12,8 @@ from juncnet.messages import (
     EventKind,
     JunctionEvent,
     JunctionScore,
+    Override,
+    OverrideKind,
     SimulatorTruth,
     VelocityCommand,
 )
@@ -111,7 +113,8 @@ class Summary(Figures):
     """The figures and what they amount to."""
 
     verdict: Literal["flown_right", "failed", "void"]
-    """`void`: the simulation itself was too slow (the flight's real-time factor is under 0.95)."""
+    """`void`: no verdict on the pipeline, for the simulation itself was too slow (a real-time
+    factor under 0.95), or the flight failed and an operator had intervened."""
     flown_right: bool
     reasons: tuple[str, ...]
     """Why not."""
@@ -131,6 +134,7 @@ class Judge:
     _truths: list[SimulatorTruth] = field(default_factory=list[SimulatorTruth])
     _latencies_ms: list[float] = field(default_factory=list[float])
     _events: list[JunctionEvent] = field(default_factory=list[JunctionEvent])
+    _intervention: str = ""
     _scores: int = 0
     _first_score_ns: int | None = None
     _last_score_ns: int = 0
@@ -150,6 +154,12 @@ class Judge:
         self._events.append(event)
         if event.kind is EventKind.MISSION_FINISHED and self._finished_ns is None:
             self._finished_ns = event.header.time_ns
+
+    def order(self, order: Override) -> None:
+        """Take an operator's order; one that keeps the robot from its mission is remembered."""
+        harmless = (OverrideKind.RESUME, OverrideKind.TAKE_OFF)
+        if order.kind not in harmless and not self.finished:
+            self._intervention = self._intervention or f"{order.operator} ordered {order.kind}"
 
     def command(self, command: VelocityCommand) -> None:
         """Take a velocity command."""
@@ -218,6 +228,9 @@ class Judge:
         if figures.real_time_factor < MIN_REAL_TIME_FACTOR:
             verdict = "void"
             reasons = (f"real-time factor {figures.real_time_factor:.2f}", *reasons)
+        elif reasons and self._intervention:
+            verdict = "void"
+            reasons = (self._intervention, *reasons)
         if standing and not self.finished:
             reasons = (*reasons, f"at the end: {standing}")
         told = bool(reasons and truths)
