@@ -75,8 +75,8 @@ class RobustNet(nn.Module):
     """Six convolutions with batch normalisation; keeps where things stand in the picture.
 
     Global average pooling would forget at which row the junction lies, and that row is what divides
-    *junction* from *none*; so a small dense layer reads the last 4x4 map as it is. It is as fast as
-    the paper's network. A road's mirror image is as much of a junction as the road: with
+    *junction* from *none*; so a small dense layer reads the last 4x4 map as it is. It takes half
+    the paper's network's time. A road's mirror image is as much of a junction as the road: with
     `mirror_mean` the answer, outside training, is the mean of both, in twice the time.
     """
 

@@ -2,7 +2,7 @@
 
 DATA is a folder made by `juncnet dataset`, or a folder of class folders. Presets: `paper`, the
 paper's network and recipe as stated; `tuned`, the same network with the recipe that serves it best;
-`robust`, the best network and recipe found, as fast on a CPU. Interrupt it with Ctrl-C, go on with
+`robust`, the best network and recipe found, faster on a CPU. Interrupt it with Ctrl-C, go on with
 --resume.
 """
 
