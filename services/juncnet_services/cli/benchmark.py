@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
+from juncnet_services.cli.progress import Progress
 from juncnet_services.cli.provenance import provenance
 from juncnet_services.cli.ranges import make_room_for, positive, whole, why
 from juncnet_services.cli.train_extra import needs_train
@@ -52,20 +53,8 @@ def main(argv: list[str]) -> int:
 
         from juncnet.learning.evaluation.benchmark import RECIPES, Settings, run_row
         from juncnet.learning.evaluation.image_sets import ImageSetError, load_cifar10, load_mnist
-        from juncnet.learning.fit import CheckpointError, Point
+        from juncnet.learning.fit import CheckpointError
         from juncnet.radon_cache import cache_directory
-
-    shown = list[int]()
-
-    def progress(step: int, steps: int, curve: list[Point]) -> None:
-        if curve and curve[-1].samples not in shown:
-            shown.append(curve[-1].samples)
-            print(
-                f"step {step} of {steps}: loss {curve[-1].loss:.4f}, "
-                f"held out {100 * curve[-1].balanced_accuracy:.2f} %",
-                file=sys.stderr,
-                flush=True,
-            )
 
     torch.set_num_threads(options.threads)
     out: Path = options.out or Path("models") / f"benchmark-{options.set}.json"
@@ -82,7 +71,7 @@ def main(argv: list[str]) -> int:
         images = load(options.data).limited(options.limit)
         report = _report(out, images.name)
         make_room_for(out)
-        row = run_row(images, settings, _command(options), progress)
+        row = run_row(images, settings, _command(options), Progress())
     except (ImageSetError, CheckpointError, ValueError) as error:
         print(f"juncnet benchmark: {why(error)}", file=sys.stderr)
         return 2

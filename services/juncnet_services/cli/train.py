@@ -10,17 +10,16 @@ import argparse
 import shlex
 import signal
 import sys
-import time
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
 from juncnet.assets import asset_path
+from juncnet_services.cli.progress import Progress
 from juncnet_services.cli.ranges import make_room_for, positive, whole, why
 from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
-    from juncnet.learning.fit import Point
     from juncnet.learning.recipes import Recipe
     from juncnet.learning.train import Order
 
@@ -97,7 +96,7 @@ def main(argv: list[str]) -> int:
         datasets = [open_dataset(path) for path in options.data]
         interrupted = _Interrupt()
         watched = open_dataset(options.watch) if options.watch else None
-        outcome = train(datasets, order, options.resume, _Progress(), interrupted.happened, watched)
+        outcome = train(datasets, order, options.resume, Progress(), interrupted.happened, watched)
     except (
         DatasetError,
         WeightsError,
@@ -174,33 +173,3 @@ class _Interrupt:
 
     def happened(self) -> bool:
         return self._seen
-
-
-class _Progress:
-    """One line that is renewed in a terminal, or a line for every point of the curve."""
-
-    def __init__(self) -> None:
-        self._started, self._first = time.monotonic(), 0
-        self._shown, self._points = 0.0, 0
-        self._live = sys.stderr.isatty()
-
-    def __call__(self, step: int, steps: int, curve: "list[Point]") -> None:
-        now = time.monotonic()
-        new = len(curve) > self._points
-        if not self._first:
-            self._first = step
-        if not new and (not self._live or now - self._shown < 0.2):
-            return
-        self._shown, self._points = now, len(curve)
-        pace = (now - self._started) / max(step - self._first, 1)
-        bar = "█" * round(24 * step / steps)
-        last = curve[-1] if curve else None
-        found = (
-            f"{f'loss {last.loss:.3f}, ' if last.samples else ''}"
-            f"balanced accuracy {100 * last.balanced_accuracy:.2f} %"
-            if last
-            else ""
-        )
-        line = f"{bar:░<24} {step}/{steps}, {pace * (steps - step):.0f} s left  {found}"
-        end = "\n" if not self._live or step == steps else ""
-        print(("\r\x1b[2K" if self._live else "") + line, end=end, file=sys.stderr, flush=True)

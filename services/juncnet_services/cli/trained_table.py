@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
+from juncnet_services.cli.progress import Progress
 from juncnet_services.cli.provenance import provenance
 from juncnet_services.cli.ranges import make_room_for, positive, whole
 from juncnet_services.cli.train_extra import needs_train
@@ -107,12 +108,7 @@ def _fill(command: str, options: argparse.Namespace, plan: Plan) -> None:
     for row in rows:
         if row in {entry.name for entry in table.entries}:
             continue
-
-        def progress(step: int, steps: int, row: str = row) -> None:
-            if step % max(steps // 10, 1) == 0:
-                print(f"{row}: step {step} of {steps}", file=sys.stderr, flush=True)
-
-        budget = Budget(options.epochs, options.seed, options.checkpoints, progress)
+        budget = Budget(options.epochs, options.seed, options.checkpoints, Progress(row))
         table = table.with_entry(make(row, budget), plan.names)
         _write(table, plan, out)
     print(table.model_dump_json() if options.json else out.with_suffix(".md").read_text())
