@@ -142,6 +142,11 @@ def test_the_paper_s_network_has_its_layers() -> None:
     assert kinds.count("Linear") == 3  # two dense layers and the output layer
 
 
+@pytest.mark.parametrize("size", [8, 32, 63, 64, 65, 96])
+def test_the_paper_s_network_takes_every_size_of_input(size: int) -> None:
+    assert PaperNet(classes=3, size=size)(torch.zeros(2, 2, size, size)).shape == (2, 3)
+
+
 def test_the_target_is_one_half_where_the_band_begins_and_ends() -> None:
     camera = CameraGeometry()
     band = camera.band
