@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from juncnet.messages import (
+    Ack,
     EventKind,
     JunctionEvent,
-    Override,
     OverrideKind,
     Pose,
     SimulatorTruth,
@@ -113,18 +113,23 @@ def test_a_slow_simulation_voids_the_flight() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "verdict"),
-    [(OverrideKind.HOLD, "void"), (OverrideKind.LAND, "void"), (OverrideKind.RESUME, "failed")],
+    ("kind", "accepted", "verdict"),
+    [
+        (OverrideKind.HOLD, True, "void"),
+        (OverrideKind.LAND, True, "void"),
+        (OverrideKind.LAND, False, "failed"),
+        (OverrideKind.RESUME, True, "failed"),
+    ],
 )
 def test_a_flight_that_an_operator_kept_from_its_mission_is_void(
-    kind: OverrideKind, verdict: str
+    kind: OverrideKind, accepted: bool, verdict: str
 ) -> None:
     judge = Judge(Plan((1, 2), ideal_s=45.0), "world", "copter")
     judge.truth(truth(0, path=(1,)))
-    judge.order(Override(issued=stamp(1.0), kind=kind, operator="ann"))
+    judge.answer(Ack(override=stamp(1.0), kind=kind, accepted=accepted, at=stamp(1.0)))
     summary = judge.summary()
     assert summary.verdict == verdict
-    assert (f"ann ordered {kind}" in summary.reasons) == (verdict == "void")
+    assert (f"an operator ordered {kind}" in summary.reasons) == (verdict == "void")
     assert "--set simulator.width" not in summary_text(summary)
 
 
@@ -132,7 +137,7 @@ def test_a_flight_that_went_on_rightly_after_a_stop_is_flown_right() -> None:
     judge = Judge(Plan((1,), ideal_s=45.0), "world", "copter")
     for second in range(50):
         judge.truth(truth(second, path=(1,), junctions_passed=0))
-    judge.order(Override(issued=stamp(20.0), kind=OverrideKind.HOLD))
+    judge.answer(Ack(override=stamp(20.0), kind=OverrideKind.HOLD, accepted=True, at=stamp(20.0)))
     judge.event(happened(EventKind.MISSION_FINISHED, 49.0))
     assert judge.summary().flown_right
 

@@ -29,7 +29,7 @@ from juncnet.simulation.routes import Route, ideal_time_s, plan_mission, route_o
 from juncnet.simulation.towns import WORLD_NAMES, named_world, random_world
 from juncnet.simulation.world import World
 from juncnet.topics import (
-    COMMAND_OVERRIDE,
+    COMMAND_ACK,
     COMMAND_VELOCITY,
     JUNCTION_EVENT,
     JUNCTION_SCORE,
@@ -193,8 +193,8 @@ class Demo:
             self.judge.score(score)
         for _, command in ears.command.drain():
             self.judge.command(command)
-        for _, order in ears.order.drain():
-            self.judge.order(order)
+        for _, ack in ears.ack.drain():
+            self.judge.answer(ack)
         for _, event in ears.event.drain():
             self.judge.event(event)
             self.watched.events.append(event)
@@ -216,7 +216,7 @@ class _Ears:
         self.truth = bus.subscribe(SIMULATOR_TRUTH, 500)
         self.score = bus.subscribe(JUNCTION_SCORE, 500)
         self.command = bus.subscribe(COMMAND_VELOCITY, 500)
-        self.order = bus.subscribe(COMMAND_OVERRIDE, 500)
+        self.ack = bus.subscribe(COMMAND_ACK, 500)
         self.event = bus.subscribe(JUNCTION_EVENT, 500)
         self.vehicle = bus.subscribe(VEHICLE_STATE, 100)
         self.navigation = bus.subscribe(NAVIGATION_STATE)

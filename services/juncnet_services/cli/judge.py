@@ -9,10 +9,10 @@ from pydantic import BaseModel, ConfigDict
 
 from juncnet.clocks import NS_PER_S
 from juncnet.messages import (
+    Ack,
     EventKind,
     JunctionEvent,
     JunctionScore,
-    Override,
     OverrideKind,
     SimulatorTruth,
     VelocityCommand,
@@ -155,11 +155,11 @@ class Judge:
         if event.kind is EventKind.MISSION_FINISHED and self._finished_ns is None:
             self._finished_ns = event.header.time_ns
 
-    def order(self, order: Override) -> None:
-        """Take an operator's order; one that keeps the robot from its mission is remembered."""
+    def answer(self, ack: Ack) -> None:
+        """Take an answer to an operator; what was obeyed and ends the mission is remembered."""
         harmless = (OverrideKind.RESUME, OverrideKind.TAKE_OFF)
-        if order.kind not in harmless and not self.finished:
-            self._intervention = self._intervention or f"{order.operator} ordered {order.kind}"
+        if ack.accepted and ack.kind not in harmless and not self.finished:
+            self._intervention = self._intervention or f"an operator ordered {ack.kind}"
 
     def command(self, command: VelocityCommand) -> None:
         """Take a velocity command."""
