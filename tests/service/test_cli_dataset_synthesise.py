@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,15 @@ def children(process: int) -> list[Path]:
     return [Path("/proc", name) for name in names]
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """What is started in the background ignores interrupts, and so would what it starts."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_an_end_of_the_command_alone_ends_its_processes(
     how: signal.Signals, tmp_path: Path
@@ -103,10 +113,11 @@ def test_an_end_of_the_command_alone_ends_its_processes(
             assert eventually(lambda: len(children(process.pid)) == 2)
             workers = children(process.pid)
             assert eventually(lambda: all(busy(worker) for worker in workers))
-        finally:
             process.send_signal(how)
-        assert eventually(lambda: not any(worker.exists() for worker in workers), 60.0)
-        _, said = process.communicate(timeout=10)
+            assert eventually(lambda: not any(worker.exists() for worker in workers), 60.0)
+            _, said = process.communicate(timeout=10)
+        finally:
+            process.kill()
     if how is signal.SIGINT:
         assert process.returncode == 130
         assert "interrupted; the same command goes on" in said
