@@ -5,11 +5,10 @@ choose worlds that suit the program: the i-th seed (from 0) is 10000 + (the firs
 sha256("HASH:i"), big-endian, modulo 990000), repeats left out.
 
 A void flight (the machine was too slow for the simulation, or an operator intervened and it failed)
-is flown again, at most twice. With
-`--simulated` the cores of all services fly in one process in simulated time, every command 0 to
-120 ms late as drawn: never void, whatever else the machine does, and without what only processes
-show (lost messages, a busy machine). Exits 0 when all were flown right, 1 when not, 2 for bad
-arguments.
+is flown again, at most twice. With `--simulated` the cores of all services fly in one process in
+simulated time, every command 0 to 120 ms late as drawn: never void, whatever else the machine does,
+and without what only processes show (lost messages, a busy machine). Exits 0 when all were flown
+right, 1 when not, 2 for bad arguments.
 """
 
 import argparse
