@@ -13,6 +13,7 @@ import multiprocessing
 import os
 import shlex
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -222,7 +223,8 @@ def _make(shards: list[Shard], processes: int) -> None:
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     total, started = sum(s.worlds + s.streets for s in shards), time.monotonic()
-    with Progress(*columns) as progress, ProcessPoolExecutor(max(1, processes)) as pool:
+    pool = ProcessPoolExecutor(max(1, processes), initializer=_end_with_the_command)
+    with Progress(*columns) as progress, pool:
         task = progress.add_task(f"{total} pictures", total=total)
         made = 0
         try:
@@ -241,6 +243,18 @@ def _make(shards: list[Shard], processes: int) -> None:
             raise
 
 
+def _end_with_the_command() -> None:
+    """End this process with the one that started it: killed, that could not do it itself."""
+    parent = multiprocessing.parent_process()
+
+    def end() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=end, daemon=True).start()
+
+
 def make_site(site: Site) -> "Samples":
     """Return the pictures of one world, or of streets that are drawn by one seed."""
     import cv2
@@ -248,9 +262,6 @@ def make_site(site: Site) -> "Samples":
     from juncnet.learning.streets import street_samples
     from juncnet.learning.synthetic import world_samples
 
-    parent = multiprocessing.parent_process()
-    if parent is not None and not parent.is_alive():
-        os._exit(1)  # nobody waits for it, and nobody will end this process
     cv2.setNumThreads(1)
     if site.variety is None:
         return street_samples(site.seed, site.pictures)
