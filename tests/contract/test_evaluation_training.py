@@ -18,6 +18,7 @@ import torch
 
 from juncnet.features import Extractor, Preprocessing
 from juncnet.learning.datasets import DatasetInfo, write_info
+from juncnet.learning.evaluation import small_pictures
 from juncnet.learning.evaluation.ablation import VARIANTS
 from juncnet.learning.evaluation.classical import (
     Classical,
@@ -231,6 +232,21 @@ def test_benchmark_says_what_was_shortened_and_keeps_other_rows(
     assert "missed by" in text
     assert out.with_suffix(".png").stat().st_size < 200_000
     assert len(list((tmp_path / "c").glob("*.pt"))) == 2
+
+
+def test_a_checkpoint_of_other_variations_is_refused(
+    digits: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    wanted = ["mnist", str(digits), "--out", str(tmp_path / "b.json"), "--recipe", "tuned"]
+    wanted += ["--epochs", "1", "--checkpoints", str(tmp_path / "c")]
+    assert benchmark.main(wanted) == 0
+    assert "shifted up to 12 % of the side" in (tmp_path / "b.md").read_text()
+    monkeypatch.setattr(small_pictures, "SHIFT", 0.1)
+    assert benchmark.main(wanted) == 2
+    assert "another variation: shifted up to 12 % of the side" in capsys.readouterr().err
 
 
 def test_files_that_are_not_mnist_are_named(

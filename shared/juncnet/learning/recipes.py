@@ -54,6 +54,7 @@ class Recipe(BaseModel):
     def describe(self) -> str:
         """Return the recipe as one line for the model card."""
         extras = [
+            f"dropout {self.dropout:g}" if self.dropout else "no dropout",
             "answers the mean over the mirror image" if self.mirror_mean else "",
             f"weights averaged with {self.average}" if self.average else "",
             "classes balanced" if self.balanced else "",

@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict
 
 from juncnet.learning.evaluation.benchmark import AIMS, Row
 from juncnet.learning.evaluation.plots import drawing
+from juncnet.learning.evaluation.small_pictures import limits_text
 from juncnet.learning.evaluation.tables import table_row
 
 ORDER = ("paper", "tuned")
@@ -63,12 +64,18 @@ def markdown(report: BenchmarkReport, picture: str) -> str:
     lines += ["", f"![Learning curves]({picture})", ""]
     for row in report.rows:
         lines += [
-            f"*{row.name}*: {row.recipe.describe()}; {row.length}; {row.weights} weights; "
+            f"*{row.name}*: {row.recipe.describe()}{_moved(row)}; {row.length}; "
+            f"{row.weights} weights; "
             f"tested on {row.n_test} pictures, on {report.machine}.",
             f"`{row.command}`",
             "",
         ]
     return "\n".join(lines)
+
+
+def _moved(row: Row) -> str:
+    strength = row.recipe.augmentation
+    return f": {limits_text(strength)}" if strength else ""
 
 
 def _reached(value: float, aim: float) -> str:

@@ -24,7 +24,7 @@ from juncnet.learning.recipes import Recipe
 Bytes = NDArray[np.uint8]
 LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
 """ITU-R BT.601, as a camera's Y."""
-SHIFT, TURN_DEG, SCALE = 0.12, 16.0, 0.16
+SHIFT, TURN_DEG, SCALE = 0.24, 16.0, 0.16
 """Limits at an augmentation of 1: of the side, in degrees, of the size."""
 CONTRAST, BRIGHTNESS = 0.4, 0.2
 """Limits at an augmentation of 1; brightness in full scales."""
@@ -63,6 +63,9 @@ class SmallPictureTrainer(Trainer):
         super().__init__(network, data, validation, recipe, seed, extractor)
         self._mirror = mirror
 
+    def _identity(self) -> dict[str, str]:
+        return super()._identity() | {"variation": limits_text(self.recipe.augmentation)}
+
     def _loss(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Tensor:
         pictures = self._data.gray[chosen]
         if self.recipe.augmentation:
@@ -72,6 +75,14 @@ class SmallPictureTrainer(Trainer):
             logits: Tensor = self._network(features(pictures, self._extractor))
         target = torch.from_numpy(self._data.target[chosen])
         return cross_entropy(logits.float(), target, self._weights)
+
+
+def limits_text(strength: float) -> str:
+    """Return how much an augmentation of this strength moves a picture, for tables."""
+    return (
+        f"shifted up to {100 * SHIFT * strength:g} % of the side, turned {TURN_DEG * strength:g} "
+        f"degrees, scaled {100 * SCALE * strength:g} %"
+    )
 
 
 def varied(pictures: Bytes, rng: np.random.Generator, strength: float, mirror: bool) -> Bytes:
