@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from crosses import GRAY, QUICK, write
 from juncnet.assets import asset_path
 from juncnet.learning.datasets import DatasetError, open_dataset
+from juncnet.learning.fit import CheckpointError
 from juncnet.learning.recipes import PRESETS, Recipe
 from juncnet.learning.train import Order, divide, recipe_from, train
 from juncnet.learning.weights import WeightsError
@@ -90,6 +91,15 @@ def test_a_start_that_is_wrong_makes_more_pictures(tmp_path: Path) -> None:
     after = Order(recipe, 0, "after", tmp_path / "after.onnx", start=ignorant.out)
     assert train(data, after).pictures > plain
     assert "what the start got wrong 3 times" in recipe.describe()
+
+
+def test_a_training_under_way_is_not_begun_anew_unasked(tmp_path: Path) -> None:
+    data, order = [open_dataset(write(tmp_path / "d"))], Order(QUICK, 0, "m", tmp_path / "m.onnx")
+    assert not train(data, order, stop=lambda: True).finished
+    with pytest.raises(CheckpointError, match=r"m\.checkpoint: a training that was not finished"):
+        train(data, order)
+    assert train(data, order, resume=True).finished
+    assert train(data, order).finished
 
 
 def test_a_dataset_without_plain_road_is_refused(tmp_path: Path) -> None:

@@ -1,12 +1,13 @@
 """Options have a range, and a result has a place, before the work begins."""
 
 import argparse
+import os
 from pathlib import Path
 
 import pytest
 
 from juncnet.assets import asset_path
-from juncnet_services.cli.ranges import make_room_for, port, positive, whole
+from juncnet_services.cli.ranges import keep_earlier, make_room_for, port, positive, whole
 
 
 @pytest.mark.parametrize("text", ["0", "-3", "inf", "nan", "x", ""])
@@ -33,6 +34,20 @@ def test_a_result_that_cannot_be_written_is_refused_beforehand(tmp_path: Path) -
     for out in (tmp_path / "file" / "result.json", tmp_path):
         with pytest.raises(ValueError, match="--out"):
             make_room_for(out)
+
+
+def test_an_earlier_result_is_kept_beside_the_new_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "flights.json"
+    keep_earlier(out)
+    assert not list(tmp_path.iterdir())
+    out.write_text("hours")
+    os.utime(out, (0, 0))
+    keep_earlier(out)
+    assert (tmp_path / "flights-19700101T000000Z.json").read_text() == "hours"
+    assert not out.exists()
+    assert "--resume" in capsys.readouterr().err
 
 
 def test_of_an_unknown_name_only_files_of_its_kind_are_told() -> None:

@@ -26,7 +26,7 @@ from juncnet.layout import LayoutError
 from juncnet_services.cli.demo import Demo, prepare
 from juncnet_services.cli.judge import Summary
 from juncnet_services.cli.provenance import Provenance, provenance
-from juncnet_services.cli.ranges import make_room_for, whole
+from juncnet_services.cli.ranges import keep_earlier, make_room_for, whole
 
 LOWEST_SEED, SEEDS = 10_000, 990_000
 VOID_REPEATS = 2
@@ -287,6 +287,8 @@ def main(argv: list[str]) -> int:
         if options.resume:
             report = report.model_copy(update={"flights": flown_before(out, report)})
         make_room_for(out)
+        if not options.resume:
+            keep_earlier(out)
         done = {flight.seed for flight in report.flights}
         fly_one = fly_simulated if options.simulated else fly
         for seed in seeds:

@@ -2,8 +2,10 @@
 
 import argparse
 import math
+import sys
 import tempfile
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -65,3 +67,12 @@ def make_room_for(out: Path) -> None:
         raise ValueError(f"{out} cannot be written ({reason}): name another --out") from error
     if out.is_dir():
         raise ValueError(f"{out} is a folder: name a file with --out")
+
+
+def keep_earlier(out: Path) -> None:
+    """Put a result of long work, which is about to be done anew, beside `out` and say so."""
+    if out.exists():
+        written = datetime.fromtimestamp(out.stat().st_mtime, UTC)
+        kept = out.with_stem(f"{out.stem}-{written:%Y%m%dT%H%M%SZ}")
+        out.rename(kept)
+        print(f"the earlier {out} is {kept.name} now; --resume goes on with one", file=sys.stderr)

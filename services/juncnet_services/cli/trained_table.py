@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from juncnet_services.cli.progress import Progress
 from juncnet_services.cli.provenance import provenance
-from juncnet_services.cli.ranges import make_room_for, positive, whole
+from juncnet_services.cli.ranges import keep_earlier, make_room_for, positive, whole
 from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
@@ -103,7 +103,10 @@ def _fill(command: str, options: argparse.Namespace, plan: Plan) -> None:
     out: Path = options.out or Path("models") / f"{command}-{_data_name(options)}{preset}.json"
     make_room_for(out)
     table = _table(command, options, parts, sets)
-    table = _resumed(table, out, sets) if options.resume else table
+    if options.resume:
+        table = _resumed(table, out, sets)
+    else:
+        keep_earlier(out)
     make = plan.begin(parts, sets)
     for row in rows:
         if row in {entry.name for entry in table.entries}:

@@ -17,7 +17,7 @@ from juncnet.features import Extractor
 from juncnet.inference import Network
 from juncnet.learning.datasets import Dataset, DatasetError, sites_of
 from juncnet.learning.export import Exported, export
-from juncnet.learning.fit import Point, Trainer, predict
+from juncnet.learning.fit import CheckpointError, Point, Trainer, predict
 from juncnet.learning.footage.intervals import FootageError
 from juncnet.learning.footage.splits import deal_groups
 from juncnet.learning.pictures import prepared
@@ -151,6 +151,11 @@ def train(
         DatasetError, WeightsError, CheckpointError, ModelFileError, DivergedError: what is wrong
             and what to do.
     """
+    if order.checkpoint.exists() and not resume:
+        raise CheckpointError(
+            f"{order.checkpoint}: a training that was not finished: go on with --resume, or remove "
+            "it to start anew"
+        )
     classes = datasets[0].classes
     if classes[0] != "none":
         raise DatasetError(f"the first class must be none, for plain road: {', '.join(classes)}")
