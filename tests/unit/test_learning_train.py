@@ -89,7 +89,10 @@ def test_a_start_that_is_wrong_makes_more_pictures(tmp_path: Path) -> None:
     plain = train(data, ignorant).pictures
     recipe = QUICK.model_copy(update={"epochs": 0.1, "repeat_wrong": 3})
     after = Order(recipe, 0, "after", tmp_path / "after.onnx", start=ignorant.out)
-    assert train(data, after).pictures > plain
+    judged: list[tuple[int, int]] = []
+    outcome = train(data, after, judging=lambda done, of: judged.append((done, of)))
+    assert outcome.pictures > plain
+    assert judged[-1] == (plain, plain)
     assert "what the start got wrong 3 times" in recipe.describe()
 
 

@@ -96,7 +96,15 @@ def main(argv: list[str]) -> int:
         datasets = [open_dataset(path) for path in options.data]
         interrupted = _Interrupt()
         watched = open_dataset(options.watch) if options.watch else None
-        outcome = train(datasets, order, options.resume, Progress(), interrupted.happened, watched)
+        outcome = train(
+            datasets,
+            order,
+            options.resume,
+            Progress(),
+            interrupted.happened,
+            watched,
+            Progress("looking for what it gets wrong"),
+        )
     except (
         DatasetError,
         WeightsError,

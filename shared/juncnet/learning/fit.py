@@ -332,14 +332,22 @@ def _mask_loss(logits: Tensor, mask: NDArray[np.uint8]) -> Tensor:
 
 @torch.no_grad()
 def predict(
-    network: nn.Module, gray: NDArray[np.uint8], extractor: Extractor
+    network: nn.Module,
+    gray: NDArray[np.uint8],
+    extractor: Extractor,
+    progress: Callable[[int, int], None] | None = None,
 ) -> NDArray[np.float32]:
-    """Return the probabilities (N, classes) of pictures (N, S, S)."""
+    """Return the probabilities (N, classes) of pictures (N, S, S).
+
+    `progress` is told how many pictures of how many are done.
+    """
     network.eval()
-    parts = [
-        torch.softmax(network(features(gray[i : i + 256], extractor)), 1).numpy()
-        for i in range(0, len(gray), 256)
-    ]
+    parts: list[NDArray[np.float32]] = []
+    for i in range(0, len(gray), 256):
+        batch = features(gray[i : i + 256], extractor)
+        parts.append(torch.softmax(network(batch), 1).numpy())
+        if progress is not None:
+            progress(i + len(batch), len(gray))
     return np.concatenate(parts)
 
 

@@ -142,10 +142,13 @@ def train(
     progress: Progress | None = None,
     stop: Callable[[], bool] = lambda: False,
     watched: Dataset | None = None,
+    judging: Callable[[int, int], None] | None = None,
 ) -> Outcome:
     """Train on all datasets and write the model file; where `stop` says so, a checkpoint only.
 
     `watched` is judged at every point of the curve; it is never trained on and decides nothing.
+    `judging` is told how many of the pictures were given to the model that the training starts
+    from, where its mistakes are looked for.
 
     Raises:
         DatasetError, WeightsError, CheckpointError, ModelFileError, DivergedError: what is wrong
@@ -171,7 +174,7 @@ def train(
     if order.start is not None:
         start_from(network, order.start, _metadata_of(order.start).classes == classes)
     if recipe.repeat_wrong > 1:
-        given = predict(network, training.gray, extractor)
+        given = predict(network, training.gray, extractor, judging)
         training = training.with_wrong_repeated(given, recipe.repeat_wrong)
     seen = None if watched is None else prepared([watched], recipe.preprocessing, classes)
     trainer = Trainer(network, training, validation, recipe, order.seed, extractor, seen)
