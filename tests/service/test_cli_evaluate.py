@@ -130,9 +130,14 @@ def test_scores_are_put_into_the_card_once_a_set(data: Path, tmp_path: Path) -> 
         "--out",
         str(tmp_path / "o.json"),
     ]
-    for name in ("first set", "second set", "first set"):
+    assert main([*common, "--name", "first set"]) == 0
+    with card.open("a") as file:
+        file.write("\n| a table | of the reader's own |\n|---|---|\n| that | stays |\n")
+    for name in ("second set", "first set"):
         assert main([*common, "--name", name]) == 0
     text = card.read_text()
+    rows = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("|")]
+    assert rows[2:5] == ["first set", "second set", "a table"]
     assert text.startswith("# mine\n\nAs it was.\n")
     assert (text.count("| first set |"), text.count("| second set |")) == (1, 1)
     assert text.count("## Scores") == 1

@@ -30,6 +30,11 @@ def with_scores(card: str, e: Evaluation) -> str:
         return f"{card.rstrip()}\n\n{TITLE}\n\n{note}\n\n{table(HEADS, [])}\n{row}\n"
     lines = after.splitlines()
     mine = next((i for i, line in enumerate(lines) if line.startswith(f"| {e.data} |")), None)
-    last = max((i for i, line in enumerate(lines) if line.startswith("|")), default=-1)
-    lines[slice(last + 1, last + 1) if mine is None else slice(mine, mine + 1)] = [row]
+    if mine is None:
+        mine = next((i for i, line in enumerate(lines) if line.startswith("|")), len(lines))
+        while mine < len(lines) and lines[mine].startswith("|"):
+            mine += 1
+        lines.insert(mine, row)
+    else:
+        lines[mine] = row
     return f"{before}{title}" + "\n".join(lines) + "\n"
