@@ -37,12 +37,18 @@ STEPS = (
         "elsewhere/labels.csv",
         f"{FILM} --skip 3 --junctions 4 --first-day 7 --days 1 --out elsewhere",
     ),
-    ("own-set", f"dataset extract own --labels own/labels.csv --out own-set {EXTRACT}"),
     (
-        "elsewhere-set",
+        "own-set/dataset.json",
+        f"dataset extract own --labels own/labels.csv --out own-set {EXTRACT}",
+    ),
+    (
+        "elsewhere-set/dataset.json",
         "dataset extract elsewhere --labels elsewhere/labels.csv --out elsewhere-set --test '*'",
     ),
-    ("places-set", f"dataset extract own --labels own/places.csv --out places-set {EXTRACT}"),
+    (
+        "places-set/dataset.json",
+        f"dataset extract own --labels own/places.csv --out places-set {EXTRACT}",
+    ),
     ("mine.onnx", "train own-set --from default.onnx --out mine.onnx"),
     (
         "places.onnx",
@@ -186,7 +192,7 @@ def main() -> int:
     times = work / "times.json"
     took: dict[str, float] = json.loads(times.read_text()) if times.exists() else {}
     for made, command in STEPS:
-        if made == "places-set":
+        if made == "places-set/dataset.json":
             name_places(work)
         if not (work / made).exists():
             begun = time.monotonic()
