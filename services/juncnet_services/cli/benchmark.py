@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from juncnet_services.cli.progress import Progress
 from juncnet_services.cli.provenance import provenance
-from juncnet_services.cli.ranges import make_room_for, positive, whole, why
+from juncnet_services.cli.ranges import ending, make_room_for, positive, whole, why
 from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--threads", type=whole(1), default=1)
     parser.add_argument("--checkpoints", type=Path, help="default: in the user's cache")
-    parser.add_argument("--out", type=Path, help="default: models/benchmark-SET.json")
+    parser.add_argument("--out", type=ending(".json"), help="default: models/benchmark-SET.json")
     parser.add_argument("--json", action="store_true", help="print the report as one object")
     return parser.parse_args(argv)
 

@@ -10,6 +10,7 @@ import shlex
 import sys
 from pathlib import Path
 
+from juncnet_services.cli.ranges import ending
 from juncnet_services.cli.train_extra import needs_train
 
 
@@ -21,7 +22,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("reports", nargs="+", type=Path, metavar="REPORT.json")
-    parser.add_argument("--out", type=Path, default=Path("auc-over-training.png"))
+    parser.add_argument("--out", type=ending(".png"), default=Path("auc-over-training.png"))
     return parser.parse_args(argv)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from juncnet.assets import asset_path
 from juncnet_services.cli.provenance import provenance
+from juncnet_services.cli.ranges import ending
 from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
@@ -41,7 +42,9 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--by", choices=("clip", "site"), default="clip", help="groups of figures")
     parser.add_argument("--name", help="of the data in tables (default: the folder's)")
-    parser.add_argument("--out", type=Path, help="default: models/evaluate-MODEL-DATA.json")
+    parser.add_argument(
+        "--out", type=ending(".json"), help="default: models/evaluate-MODEL-DATA.json"
+    )
     parser.add_argument("--json", action="store_true", help="print all of it as one object")
     parser.add_argument(
         "--pictures",

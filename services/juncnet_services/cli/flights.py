@@ -26,7 +26,7 @@ from juncnet.layout import LayoutError
 from juncnet_services.cli.demo import Demo, prepare
 from juncnet_services.cli.judge import Summary
 from juncnet_services.cli.provenance import Provenance, provenance
-from juncnet_services.cli.ranges import keep_earlier, make_room_for, whole
+from juncnet_services.cli.ranges import ending, keep_earlier, make_room_for, whole
 
 LOWEST_SEED, SEEDS = 10_000, 990_000
 VOID_REPEATS = 2
@@ -254,7 +254,9 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--palette", help="colours other than the worlds' own")
     parser.add_argument("--simulated", action="store_true", help="in simulated time, one process")
     parser.add_argument(
-        "--out", type=Path, help="default: models/flights-VEHICLE.json, or -VEHICLE-simulated.json"
+        "--out",
+        type=ending(".json"),
+        help="default: models/flights-VEHICLE.json, or -VEHICLE-simulated.json",
     )
     parser.add_argument(
         "--resume", action="store_true", help="skip seeds that are in the file, void ones excepted"

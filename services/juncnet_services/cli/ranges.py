@@ -42,6 +42,17 @@ def positive(text: str) -> float:
     return value
 
 
+def ending(suffix: str) -> Callable[[str], Path]:
+    """Return argparse's type of files that end in `suffix`: those written beside end otherwise."""
+
+    def path(text: str) -> Path:
+        if Path(text).suffix != suffix:
+            raise argparse.ArgumentTypeError(f"{text}: give a file that ends in {suffix}")
+        return Path(text)
+
+    return path
+
+
 def why(error: Exception) -> str:
     """Return what is wrong: of a model's refusal the first field and what it must be."""
     if not isinstance(error, ValidationError):

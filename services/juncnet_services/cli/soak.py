@@ -20,7 +20,7 @@ from juncnet_services.cli.demo import START_S, Demo, prepare
 from juncnet_services.cli.flights import write_report
 from juncnet_services.cli.judge import Summary
 from juncnet_services.cli.provenance import Provenance, provenance
-from juncnet_services.cli.ranges import make_room_for, positive, whole
+from juncnet_services.cli.ranges import ending, make_room_for, positive, whole
 from juncnet_services.cli.strikes import VICTIMS, Strike, Striker
 
 PERIOD_S = 8.0
@@ -169,7 +169,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--first-seed", type=whole(0), default=1)
     parser.add_argument("--vehicle", choices=("copter", "rover"), default="copter")
-    parser.add_argument("--out", type=Path, default=Path("models/soak.json"))
+    parser.add_argument("--out", type=ending(".json"), default=Path("models/soak.json"))
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.OPTION=VALUE", help="repeatable"
     )

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from juncnet.assets import asset_path
 from juncnet_services.cli.progress import Progress
-from juncnet_services.cli.ranges import make_room_for, positive, whole, why
+from juncnet_services.cli.ranges import ending, make_room_for, positive, whole, why
 from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
@@ -40,7 +40,9 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     parser.add_argument(
         "--from", dest="start", metavar="MODEL", help="go on from it: a file, or a shipped one"
     )
-    parser.add_argument("--out", type=Path, default=Path("my-juncnet.onnx"), metavar="FILE.onnx")
+    parser.add_argument(
+        "--out", type=ending(".onnx"), default=Path("my-juncnet.onnx"), metavar="FILE.onnx"
+    )
     parser.add_argument("--name", help="of the model (default: the file's)")
     parser.add_argument(
         "--watch", type=Path, metavar="DATA", help="judge it along the way; it decides nothing"

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from juncnet_services.cli.progress import Progress
 from juncnet_services.cli.provenance import provenance
-from juncnet_services.cli.ranges import keep_earlier, make_room_for, positive, whole
+from juncnet_services.cli.ranges import ending, keep_earlier, make_room_for, positive, whole
 from juncnet_services.cli.train_extra import needs_train
 
 if TYPE_CHECKING:
@@ -61,7 +61,9 @@ def table_parser(command: str, description: str | None) -> argparse.ArgumentPars
     parser.add_argument("--threads", type=whole(1), default=1)
     parser.add_argument("--resume", action="store_true", help="keep what the file has already")
     parser.add_argument("--checkpoints", type=Path, help="a folder, to go on in mid-training")
-    parser.add_argument("--out", type=Path, help="default: in models/, named for the data")
+    parser.add_argument(
+        "--out", type=ending(".json"), help="default: in models/, named for the data"
+    )
     parser.add_argument("--json", action="store_true", help="print the table as one object")
     return parser
 
