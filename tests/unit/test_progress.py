@@ -18,6 +18,13 @@ def test_a_log_gets_a_line_for_every_twentieth(capsys: pytest.CaptureFixture[str
     assert lines[-1].startswith("AlexNet: " + "█" * 24 + " 100/100, 0 s left")
 
 
+def test_what_goes_on_in_leaps_gets_as_many(capsys: pytest.CaptureFixture[str]) -> None:
+    progress = Progress()
+    for done in range(256, 100_000, 256):
+        progress(done, 100_001)
+    assert len(capsys.readouterr().err.splitlines()) == 19
+
+
 def test_the_last_point_of_the_curve_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("torch", reason="torch is not installed: deploy/test --with-train")
     from juncnet.learning.fit import Point

@@ -24,13 +24,15 @@ class Progress:
     def __call__(self, step: int, steps: int, curve: "Sequence[Point]" = ()) -> None:
         """Show that `step` of `steps` is done and, where it is known, the last point of the curve.
 
-        A training that was resumed begins at a later step; after another one it begins anew.
+        A training that was resumed begins at a later step; after another one it begins anew. Not
+        every step need be told.
         """
         now = time.monotonic()
         if step <= self._last or not self._first:
-            self._first, self._started = step, now
+            self._first, self._last, self._started = step, 0, now
+        twentieth = max(steps // 20, 1)
+        due = step // twentieth > self._last // twentieth or step == steps
         self._last = step
-        due = step % max(steps // 20, 1) == 0 or step == steps
         if not due and (not self._live or now - self._shown < RENEWED_S):
             return
         self._shown = now
