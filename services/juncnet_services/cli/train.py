@@ -102,10 +102,10 @@ def main(argv: list[str]) -> int:
             datasets,
             order,
             options.resume,
-            Progress(),
-            interrupted.happened,
-            watched,
-            Progress("looking for what it gets wrong"),
+            progress=Progress(),
+            stop=interrupted.happened,
+            watched=watched,
+            judging=Progress("looking for what it gets wrong"),
         )
     except (
         DatasetError,

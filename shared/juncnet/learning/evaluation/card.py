@@ -29,12 +29,9 @@ def with_scores(card: str, e: Evaluation) -> str:
         note = "Intervals: 95 %, whole sites drawn with replacement."
         return f"{card.rstrip()}\n\n{TITLE}\n\n{note}\n\n{table(HEADS, [])}\n{row}\n"
     lines = after.splitlines()
-    mine = next((i for i, line in enumerate(lines) if line.startswith(f"| {e.data} |")), None)
-    if mine is None:
-        mine = next((i for i, line in enumerate(lines) if line.startswith("|")), len(lines))
-        while mine < len(lines) and lines[mine].startswith("|"):
-            mine += 1
-        lines.insert(mine, row)
-    else:
-        lines[mine] = row
+    begin = end = next((i for i, line in enumerate(lines) if line.startswith("|")), len(lines))
+    while end < len(lines) and lines[end].startswith("|"):
+        end += 1
+    mine = next((i for i in range(begin, end) if lines[i].startswith(f"| {e.data} |")), end)
+    lines[mine : min(mine + 1, end)] = [row]
     return f"{before}{title}" + "\n".join(lines) + "\n"
